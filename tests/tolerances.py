@@ -80,8 +80,6 @@ VIEW_MEAN = 3.0
 """Mean difference in gray levels of small views of a texture, whose deviation is 20."""
 STATE_PURITY = 1e-6
 """Absolute difference between means of a state's purity over blocks: float32 in Python."""
-Y4M_SECONDS = 1e-6
-"""Seconds between times of frames, which films state with six digits."""
 SAME_PX = 0.01
 """Pixels between places that Python and the page find by the same steps in the same image."""
 CORNERS_PX = 0.1

@@ -1,19 +1,17 @@
 /**
  * Reads a film as the page's worker does, without a browser: node read.js SITE FILM.y4m
  *
- * SITE is a folder that `python -m export.web` wrote. Prints one line of JSON: the message's bytes
+ * SITE is a folder that `python -m export.web` wrote, and FILM.y4m a film of lab/films/y4m.py. Prints one line of JSON: the message's bytes
  * in base64 or null, the film's time and the number of frames until then, the seconds that the
  * receiver took for them, by stage and in all, and the memory that the process took, in bytes.
  */
 
-import { createReadStream, readFileSync } from "node:fs";
+import { openSync, readFileSync, readSync } from "node:fs";
 import { join } from "node:path";
-import { Readable } from "node:stream";
 import { Decoder } from "./src/decoder.js";
 import { FilmGraph } from "./src/filmGraph.js";
 import { loadOpenCv } from "./src/image/opencv.js";
 import { Layout } from "./src/link/layout.js";
-import { readY4m } from "./src/page/y4m.js";
 import { Receiver } from "./src/receive/receiver.js";
 
 const [site, film] = process.argv.slice(2);
@@ -31,6 +29,28 @@ async function loadDecoders() {
   return decoders;
 }
 
+/**
+ * Read the frames of a film.
+ *
+ * @returns {Generator<{ plane: BytePlane, time: number, fps: number }>}
+ */
+function* framesOf() {
+  const file = openSync(film, "r");
+  const start = Buffer.alloc(100);
+  readSync(file, start, 0, start.length, 0);
+  const [line, ...numbers] = /^YUV4MPEG2 W(\d+) H(\d+) F(\d+):1000 .*\n/.exec(start.toString()) ?? [];
+  if (!line) throw new Error(`${film} is no film of lab/films/y4m.py`);
+  const [width, height, rate] = numbers.map(Number);
+  const [fps, area] = [rate / 1000, width * height];
+  const step = "FRAME\n".length + area + 2 * Math.ceil(width / 2) * Math.ceil(height / 2);
+  for (let number = 0; ; number++) {
+    const data = new Uint8Array(area);
+    const at = line.length + number * step + "FRAME\n".length;
+    if (readSync(file, data, 0, area, at) < area) return;
+    yield { plane: { width, height, data }, time: number / fps, fps };
+  }
+}
+
 await loadOpenCv(new Uint8Array(readFileSync(join(site, "opencv.wasm"))));
 const decoders = await loadDecoders();
 const filmGraph = new FilmGraph(new Uint8Array(readFileSync(join(site, "models/film.onnx"))));
@@ -40,8 +60,7 @@ let receiver = null;
 let message = null;
 let seconds = 0;
 let last = 0;
-const stream = /** @type {ReadableStream<Uint8Array>} */ (Readable.toWeb(createReadStream(film)));
-for await (const { plane, time, fps } of readY4m(stream)) {
+for (const { plane, time, fps } of framesOf()) {
   receiver ??= new Receiver(decoders, fps, Infinity, filmGraph);
   const start = performance.now();
   const step = await receiver.push(plane, time);

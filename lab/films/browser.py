@@ -37,7 +37,7 @@ def camera_flags(film: Path) -> list[str]:
     """Flags with which Chromium's camera plays a film over and over, and every page may use it.
 
     Args:
-        film: a .y4m file of format 420jpeg whose frames state no times.
+        film: a file that `lab.films.y4m` wrote.
     """
     return [CAMERA, ALLOWED, f"--use-file-for-fake-video-capture={film}"]
 

@@ -40,7 +40,7 @@ from export.receive.receiver import Receiver
 from export.web.site import build_site, run_node
 from lab.films.browser import camera_flags, open_chromium, serve_folder, text_of
 from lab.films.trial import FilmSettings, MessageFilm, Take, film_message
-from lab.films.y4m import Y4mFile, read_y4m
+from lab.films.y4m import read_y4m, write_y4m
 from lab.study import Results, Study, StudyFlags, Workshop
 from link.code.framing import frames_needed
 from link.errors import at_least, choose, each_once
@@ -247,9 +247,8 @@ def write_gray_film(filmed: MessageFilm, path: Path) -> None:
     hidden = temporary_name(path)
     try:
         with hidden.open("wb") as stream:
-            file = Y4mFile(stream, filmed.take.settings.fps, "420jpeg")
-            for frame in filmed.frames:
-                file.write(as_gray(frame.rgb))
+            grays = (as_gray(frame.rgb) for frame in filmed.frames)
+            write_y4m(stream, grays, filmed.take.settings.fps)
         hidden.replace(path)
     finally:
         hidden.unlink(missing_ok=True)

@@ -2,6 +2,7 @@
 
 import ast
 import copy
+import functools
 import json
 import os
 import re
@@ -49,6 +50,7 @@ def check_event(event: Mapping[str, Any]) -> None:
     Draft202012Validator(schema).validate(json.loads(json.dumps(event)))
 
 
+@functools.cache
 def film(data: bytes = TEXT.encode(), signed: bool = False) -> list[Image]:
     """Gray frames of the preset robust, whose states are shown for two frames each."""
     return filmed(ROBUST, 45, seed=3, message=encode(data, ROBUST.n_bits, signed=signed))[0]

@@ -19,7 +19,7 @@ from link.geometry import (
 )
 from link.layout import make_layout
 from link.ratex import draw_patches, match_patches
-from link.robust import geman_mcclure_weights, reweighted, ridge_solution
+from link.robust import reweighted, ridge_solution
 from link.types import Array, Image
 
 LAYOUT = make_layout(8, 8, 128, 96)
@@ -58,7 +58,6 @@ def test_robust_least_squares(port: Port, rng: np.random.Generator) -> None:
         scale_of=lambda residuals: 3 * float(np.median(residuals)),
         rounds=6,
         weights=np.ones(40),
-        weigh=geman_mcclure_weights,
     )
     found = port("../tests/robust.js").solvedRobustly(rows, right, ridge, pull, 6)
     same(found.solution, solution, within.FLOAT64)

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 import pytest
 from port import same
-from tolerances import FLOAT64, ROUNDED_LEVELS, Y4M_SECONDS
-from web_films import gray, limited, y4m_bytes
+from tolerances import ROUNDED_LEVELS
+from web_films import gray
 
 from export.web import site
 from export.web.site import WEB
@@ -22,54 +22,6 @@ from models import shipped_graphs
 PAGE = WEB / "src" / "page"
 
 
-HEADERS = [
-    ("", (30, False, 8, 2 * 11 * 9)),
-    ("F30000:1001 Ip A0:0 C420mpeg2 XYSCSS=420MPEG2", (30000 / 1001, False, 8, 2 * 11 * 9)),
-    ("F25:1 It A1:1 C422 XCOLORRANGE=LIMITED", (25, True, 8, 2 * 11 * 18)),
-    ("F60:1 Ib C444 XCOLORRANGE=FULL", (60, False, 8, 2 * 21 * 18)),
-    ("F24000:1001 Im C411", (24000 / 1001, False, 8, 2 * 6 * 18)),
-    ("F0:0 Cmono", (30, False, 8, 0)),
-    ("F50:1 C440", (50, False, 8, 2 * 21 * 9)),
-    ("F50:1 C444alpha", (50, False, 8, 3 * 21 * 18)),
-    ("F50:1 C420paldv", (50, False, 8, 2 * 11 * 9)),
-    ("F50:1 Cmono10", (50, False, 10, 0)),
-    ("F50:1 C422p12", (50, False, 12, 4 * 11 * 18)),
-]
-"""First lines of films of 21 x 18 pixels, after the size, and what they mean: frames a second,
-whether the range is limited, bits of a sample, and bytes of a frame after its luma."""
-
-
-@pytest.mark.parametrize(("words", "expected"), HEADERS)
-def test_headers_of_all_kinds_are_understood(port, words, expected):
-    found = port("page/y4m.js").parseHeader(f"YUV4MPEG2 W21 H18 {words}".strip())
-    fps, *parts = expected
-    same(found.fps, fps, FLOAT64)
-    assert [found.limited, found.bits, found.restBytes] == parts
-
-
-LUMA = np.random.default_rng(0).integers(0, 256, (3, 18, 21)).astype(np.uint8)
-TIMES = [0.5, 0.75, 2.0]
-EVEN = [0.0, 0.04, 0.08]
-LIMITED = y4m_bytes(map(limited, LUMA), 25, tag="XCOLORRANGE=LIMITED")
-CUT = y4m_bytes(LUMA, 25, times=TIMES)[:-5]
-FILMS = {
-    **{name: (y4m_bytes(LUMA, 25, name), LUMA, EVEN) for name in ("mono", "420jpeg", "422", "444")},
-    "limited": (LIMITED, np.rint((limited(LUMA) - 16.0) * 255 / 219), EVEN),
-    "cut off in its last frame": (CUT, LUMA[:2], TIMES),
-}
-"""Bytes of a film of 25 frames a second, and the luma and the times of its frames."""
-
-
-@pytest.mark.parametrize("name", FILMS)
-def test_films_without_compression_are_read_bit_for_bit_however_their_bytes_come(port, name):
-    film, luma, times = FILMS[name]
-    for size in (7, 1000, len(film)):
-        frames = port("../tests/streams.js").framesOf(film, size)
-        same([frame.plane for frame in frames], luma)
-        same([frame.time for frame in frames], times[: len(luma)], Y4M_SECONDS)
-        same([frame.fps for frame in frames], [25] * len(luma), FLOAT64)
-
-
 def test_colours_become_luma_as_opencv_makes_it(port):
     rgba = np.random.default_rng(0).integers(0, 256, (110, 130, 4)).astype(np.uint8)
     found = port("page/planes.js").planeOfRgba({"width": 130, "height": 110, "data": rgba})
@@ -78,14 +30,16 @@ def test_colours_become_luma_as_opencv_makes_it(port):
 
 def test_a_recording_is_an_archive_of_a_film_and_of_what_is_known_about_it(port, tmp_path):
     """It can be unpacked, and OpenCV plays it."""
-    frames = [{"plane": plane, "time": time} for plane, time in zip(LUMA, TIMES, strict=True)]
+    luma = np.random.default_rng(0).integers(0, 256, (3, 18, 21)).astype(np.uint8)
+    times = [0.5, 0.75, 2.0]
+    frames = [{"plane": plane, "time": time} for plane, time in zip(luma, times, strict=True)]
     about = {"versions": {"a": "1"}}
     file = port("page/recording.js").recordingFile(frames, 29.97, about, 1_800_000_000)
     with tarfile.open(fileobj=io.BytesIO(file.arrayBuffer())) as archive:
         archive.extractall(tmp_path, filter="data")
-    assert json.loads((tmp_path / "about.json").read_text()) == {**about, "times": TIMES}
+    assert json.loads((tmp_path / "about.json").read_text()) == {**about, "times": times}
     film = cv2.VideoCapture(str(tmp_path / "film.y4m"))
-    for plane in LUMA:
+    for plane in luma:
         ok, image = film.read()
         assert ok
         assert np.abs(image[:, :, 0].astype(int) - plane).max() <= ROUNDED_LEVELS

@@ -1,12 +1,12 @@
-"""Films without compression (.y4m), which the page reads and Chromium's fake camera plays."""
+"""Films of gray frames that the page reads, and their luma."""
 
-import io
-from collections.abc import Iterable
+from collections.abc import Sequence
+from fractions import Fraction
+from pathlib import Path
 
+import av
 import cv2
 import numpy as np
-
-from lab.films.y4m import Y4mFile
 
 
 def limited(luma):
@@ -19,10 +19,30 @@ def gray(image):
     return image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
 
 
-def y4m_bytes(frames: Iterable[np.ndarray], fps, chroma="420jpeg", tag="", times=None):
-    """A film of gray frames (H, W) uint8, of which ``times`` states the times where it is given."""
-    stream = io.BytesIO()
-    film = Y4mFile(stream, fps, chroma, tag)
-    for number, luma in enumerate(frames):
-        film.write(luma, None if times is None else times[number])
-    return stream.getvalue()
+CODECS = {
+    ".mp4": ("libx264", {"crf": "18"}),
+    ".webm": ("libvpx", {"crf": "8"}),
+    ".mkv": ("libx264", {"crf": "4", "preset": "ultrafast"}),
+}
+"""Codec and its options by the ending of a film's name; .mkv loses next to nothing."""
+
+
+def write_film(film: Path, frames: Sequence[np.ndarray], fps=30) -> None:
+    """Compress gray frames (H, W) uint8 in full range, as the ending of the film's name says."""
+    codec, options = CODECS[film.suffix]
+    with av.open(film, "w") as container:
+        stream = container.add_stream(codec, rate=Fraction(fps), options=options)
+        stream.pix_fmt, stream.bit_rate = "yuv420p", 8_000_000
+        stream.codec_context.color_range = av.video.reformatter.ColorRange.JPEG
+        stream.height, stream.width = frames[0].shape
+        for luma in frames:
+            frame = av.VideoFrame.from_ndarray(in_three_planes(luma), "yuv420p")
+            frame.color_range = av.video.reformatter.ColorRange.JPEG
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+
+
+def in_three_planes(luma):
+    """Luma, and below it chroma of no colour, as PyAV takes them."""
+    height, width = luma.shape
+    return np.vstack([luma, np.full((height // 2, width), 128, np.uint8)])

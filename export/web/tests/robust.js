@@ -1,10 +1,10 @@
 /** What Python's tests cannot send to the page's solver: functions that it calls. */
 
 import { median } from "../src/link/order.js";
-import { gemanMcclureWeights, reweighted, ridgeSolution } from "../src/link/robust.js";
+import { reweighted, ridgeSolution } from "../src/link/robust.js";
 
 /**
- * Solve for three unknowns with weights of Geman and McClure, scaled by three median residuals.
+ * Solve for three unknowns with weights scaled by three median residuals.
  *
  * @param {Float64Array} A - three numbers for each equation
  * @param {Float64Array} b
@@ -22,6 +22,5 @@ export function solvedRobustly(A, b, ridge, pull, rounds) {
     scaleOf: (residuals) => 3 * median(residuals),
     rounds,
     weights: new Float64Array(b.length).fill(1),
-    weigh: gemanMcclureWeights,
   });
 }

@@ -1,6 +1,5 @@
 """The study that sets the page's receiver beside Python's."""
 
-import io
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +18,7 @@ from lab.films.page import (
     read_films,
     stages_table,
 )
-from lab.films.y4m import Y4mFile, read_y4m
+from lab.films.y4m import read_y4m, write_y4m
 from lab.study import Workshop
 from link.code.framing import encode
 from link.errors import InputError
@@ -67,41 +66,19 @@ def test_what_was_read_can_be_stored() -> None:
         assert FilmRead.from_stored(film.stored()) == film
 
 
-def written(frames: list[np.ndarray], times: list[float | None], *more: str) -> bytes:
-    stream = io.BytesIO()
-    film = Y4mFile(stream, 30, *more)
-    for frame, time in zip(frames, times, strict=True):
-        film.write(frame, time)
-    return stream.getvalue()
-
-
-def test_a_film_is_written_as_the_page_reads_it() -> None:
-    frame = np.arange(16 * 16, dtype=np.uint8).reshape(16, 16)
-    first, rest = written([frame, frame], [0.0, 1 / 30]).split(b"\n", 1)
-    assert first == b"YUV4MPEG2 W16 H16 F30000:1000 Ip A1:1 Cmono"
-    assert rest == b"FRAME XTIME=0.000000\n" + frame.tobytes() + (
-        b"FRAME XTIME=0.033333\n" + frame.tobytes()
-    )
-
-
-def test_a_film_is_written_as_chromium_plays_it() -> None:
-    frame = np.zeros((5, 3), np.uint8)
-    first, second, rest = written([frame], [None], "420jpeg", "XCOLORRANGE=FULL").split(b"\n", 2)
-    assert first.endswith(b" C420jpeg XCOLORRANGE=FULL")
-    assert (second, rest) == (b"FRAME", frame.tobytes() + bytes([128]) * (2 * 2 * 3))
-
-
-@pytest.mark.parametrize("chroma", ["mono", "420jpeg", "422", "444"])
-def test_a_film_is_read_as_it_was_written(chroma, tmp_path) -> None:
+def test_a_film_is_read_as_it_was_written(tmp_path) -> None:
     frames = list(np.random.default_rng(0).integers(0, 256, (3, 5, 7)).astype(np.uint8))
-    data = written(frames, [None] * 3, chroma)
-    (tmp_path / "film.y4m").write_bytes(data)
-    np.testing.assert_array_equal(list(read_y4m(tmp_path / "film.y4m")), frames)
-    (tmp_path / "film.y4m").write_bytes(data[: data.index(b"FRAME", data.index(b"FRAME") + 5) + 20])
-    assert len(list(read_y4m(tmp_path / "film.y4m"))) == 1
-    (tmp_path / "film.y4m").write_bytes(b"RIFF")
+    file = tmp_path / "film.y4m"
+    with file.open("wb") as stream:
+        write_y4m(stream, frames, 30)
+    np.testing.assert_array_equal(list(read_y4m(file)), frames)
+    data = file.read_bytes()
+    assert len(data) == data.index(b"\n") + 1 + 3 * (6 + 5 * 7 + 2 * 3 * 4)
+    file.write_bytes(data[: data.index(b"FRAME", data.index(b"FRAME") + 5) + 20])
+    assert len(list(read_y4m(file))) == 1
+    file.write_bytes(b"RIFF")
     with pytest.raises(InputError, match="no film that this program wrote"):
-        list(read_y4m(tmp_path / "film.y4m"))
+        list(read_y4m(file))
 
 
 @pytest.mark.parametrize("way", page.WAYS)

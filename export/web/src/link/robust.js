@@ -13,26 +13,6 @@ import { solve as solveLinear } from "./linear.js";
 export const { MAD_TO_SIGMA } = robust;
 
 /**
- * Find weights in (0, 1] that fall with the square of the residual (Cauchy's distribution).
- *
- * @param {Numbers} ratio - residuals in units of the residual that keeps half its weight
- * @returns {Float64Array}
- */
-export function cauchyWeights(ratio) {
-  return Float64Array.from(ratio, (value) => 1 / (1 + value ** 2));
-}
-
-/**
- * Find weights in (0, 1] that fall with the residual's fourth power (Geman & McClure 1987).
- *
- * @param {Numbers} ratio - residuals in units of the residual that keeps a quarter of its weight
- * @returns {Float64Array}
- */
-export function gemanMcclureWeights(ratio) {
-  return Float64Array.from(ratio, (value) => 1 / (1 + value ** 2) ** 2);
-}
-
-/**
  * Minimise sum(weights * (b - A x)**2) + x' ridge x - 2 pull' x by the normal equations.
  *
  * @param {Numbers} A - (N, P), a row for each measurement
@@ -74,28 +54,19 @@ export function ridgeSolution(A, b, weights, ridge, pull = null) {
  *   the weighted problem
  * @param {(solution: Solution) => Float64Array} problem.residualsOf - a solution to the (N,)
  *   absolute residuals that it leaves
- * @param {(residuals: Float64Array) => number} problem.scaleOf - (N,) residuals to the unit in
- *   which `weigh` takes them, greater than 0
+ * @param {(residuals: Float64Array) => number} problem.scaleOf - (N,) residuals to the residual
+ *   that keeps half its weight (Cauchy's distribution), greater than 0
  * @param {number} problem.rounds - number of solutions, at least 1
  * @param {Float64Array} problem.weights - (N,) weights of the first round
- * @param {(ratio: Float64Array) => Float64Array} [problem.weigh] - residuals in units of the
- *   scale to weights; `cauchyWeights` where absent
  * @returns {{ solution: Solution, weights: Float64Array }} the last solution, and the (N,)
  *   weights that its residuals give
  */
-export function reweighted({
-  solve,
-  residualsOf,
-  scaleOf,
-  rounds,
-  weights,
-  weigh = cauchyWeights,
-}) {
+export function reweighted({ solve, residualsOf, scaleOf, rounds, weights }) {
   for (let round = 1; ; round++) {
     const solution = solve(weights);
     const residuals = residualsOf(solution);
     const scale = scaleOf(residuals);
-    weights = weigh(residuals.map((value) => value / scale));
+    weights = residuals.map((value) => 1 / (1 + (value / scale) ** 2));
     if (round >= rounds) return { solution, weights };
   }
 }

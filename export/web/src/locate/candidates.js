@@ -19,10 +19,8 @@ import {
   outlineSteps,
   upright,
 } from "./quads.js";
-import { runToEnd } from "../link/code/steps.js";
 
-export const { WORK_PX } = locateCandidates;
-const { SNAP_PX, LINE_QUADS, CANDIDATES, NEAR, WEIGHTS, BIAS } = locateCandidates;
+const { WORK_PX, SNAP_PX, LINE_QUADS, CANDIDATES, NEAR, WEIGHTS, BIAS } = locateCandidates;
 
 /** Units of work of moving all quadrilaterals onto edges, and of looking at all their sides. */
 const SNAP_WORK = 8;
@@ -49,23 +47,12 @@ const remembered = new WeakMap();
  */
 
 /**
- * List quadrilaterals that may bound a lit display, the likeliest first.
- *
- * @param {BytePlane} image
- * @param {number} [limit] - largest number returned
- * @returns {Located[]} corners to about 2 px of an image of 640, with scores without regard to
- *   patches
- */
-export function displayCandidates(image, limit = CANDIDATES) {
-  return runToEnd(candidateSteps(image, limit));
-}
-
-/**
- * List quadrilaterals that may bound a lit display, step by step.
+ * List quadrilaterals that may bound a lit display, step by step, the likeliest first.
  *
  * @param {BytePlane} image - it must stay as it is, as what was found in it is remembered
  * @param {number} [limit] - largest number returned
- * @returns {Steps<Located[]>} what `displayCandidates` returns
+ * @returns {Steps<Located[]>} corners to about 2 px of an image of 640, with scores without regard
+ *   to patches
  */
 export function* candidateSteps(image, limit = CANDIDATES) {
   const known = remembered.get(image.data);

@@ -1,13 +1,13 @@
 /** What an image shows along a quadrilateral's sides: evidence for a display, and its edges. */
 
 import { locateEdges } from "../generated/constants.js";
+import { remembered } from "../link/code/remembered.js";
 import { median, quantilesOfEvery } from "../link/order.js";
-import { MAD_TO_SIGMA, gemanMcclureWeights, reweighted, ridgeSolution } from "../link/robust.js";
 import { signedArea } from "./quads.js";
 
 const {
-  SAMPLES, SIDE_START, SIDE_SHARE, REACH, FIT_SAMPLES, STEP_LEVELS, NOISE_SLOPE, SATURATION_SLOPE,
-  OTHER_SIDE, WHITE_QUANTILE, RIM_PX, CONTENT_SCALES, BEYOND_SCALE, PEAK_STEPS, MIN_EDGE_SHARE,
+  SAMPLES, SIDE_START, SIDE_SHARE, REACH, STEP_LEVELS, NOISE_SLOPE, SATURATION_SLOPE,
+  WHITE_QUANTILE, RIM_PX, CONTENT_SCALES, BEYOND_SCALE,
 } = locateEdges;
 const AHEAD = Float64Array.from(locateEdges.AHEAD);
 
@@ -33,6 +33,7 @@ function sidePlaces(samples) {
 
 const PLACES = sidePlaces(SAMPLES);
 const CONTENT_PLACES = sidePlaces(CONTENT_SAMPLES);
+const SNAP_PLACES = sidePlaces(SNAP_SAMPLES);
 
 /**
  * Find the unit normals that point from the sides into a clockwise quadrilateral.
@@ -194,82 +195,54 @@ function grown(quad, factor) {
  *
  * @param {FloatPlane} image
  * @param {Quad} quad
- * @param {number} reach - pixels that a side may move at either end
+ * @param {number} reach - whole number of pixels that a side may move at either end
  * @returns {Quad} a side without any edge stays
  */
 export function snapToEdges(image, quad, reach) {
-  const trial = trialOf(reach, 1, SNAP_SAMPLES);
-  const { offsets } = trial;
-  const slopes = slopesAcross(image, quad, trial);
+  const slopes = slopesAcross(image, quad, reach);
+  const size = slopes.length / 4;
   const first = [0, 0, 0, 0];
   const last = [0, 0, 0, 0];
   for (let side = 0; side < 4; side++) {
-    const best = elected(slopes, side, trial, 1);
+    const best = elected(slopes.subarray(side * size, (side + 1) * size), reach);
     if (best.votes < 0.1 * SNAP_SAMPLES) continue;
-    first[side] = offsets[best.first];
-    last[side] = offsets[best.last];
+    first[side] = best.first;
+    last[side] = best.last;
   }
   return moved(quad, first, last, reach);
 }
 
 /**
- * The offsets and places that are tried for an edge, and which offset a line from one offset at a
- * side's start to another at its end has at each place: (offsets, offsets, places).
- *
- * @typedef {object} Trial
- * @property {number} spacing
- * @property {Float64Array} offsets
- * @property {Float64Array} places
- * @property {Int16Array} hit
+ * Lists for each offset at a side's start and each at its end which offset the line from one to the
+ * other has at each place, (offsets, offsets, places). Offsets are numbered from -reach on.
  */
-
-/** @type {Map<string, Trial>} */
-const trials = new Map();
-
-/**
- * @param {number} reach
- * @param {number} spacing
- * @param {number} samples
- * @returns {Trial}
- */
-function trialOf(reach, spacing, samples) {
-  const count = Math.max(1, Math.round(reach / spacing));
-  const offsets = Float64Array.from({ length: 2 * count + 1 }, (_, k) => (k - count) * spacing);
-  const places = sidePlaces(samples);
-  const key = `${count} ${samples}`;
-  const known = trials.get(key);
-  if (known) return { ...known, spacing, offsets };
-  const hit = new Int16Array(offsets.length ** 2 * samples);
+const offsetsHit = remembered((/** @type {number} */ reach) => {
+  const count = 2 * reach + 1;
+  const hit = new Int16Array(count ** 2 * SNAP_SAMPLES);
   let to = 0;
-  for (let first = 0; first < offsets.length; first++) {
-    for (let last = 0; last < offsets.length; last++) {
-      for (const share of places) hit[to++] = Math.round(first * (1 - share) + last * share);
+  for (let first = 0; first < count; first++) {
+    for (let last = 0; last < count; last++) {
+      for (const share of SNAP_PLACES) hit[to++] = Math.round(first * (1 - share) + last * share);
     }
   }
-  const trial = { spacing, offsets, places, hit };
-  trials.set(key, trial);
-  return trial;
-}
+  return hit;
+});
 
 /**
  * Find the image's gradient along the inward normals.
  *
  * @param {FloatPlane} image
  * @param {Quad} quad
- * @param {Trial} trial
+ * @param {number} reach - largest offset from a side, pixels
  * @returns {Float32Array} (4, places, offsets) levels per pixel
  */
-function slopesAcross(image, quad, { spacing, offsets, places }) {
-  const wider = Float64Array.from(
-    { length: offsets.length + 2 },
-    (_, k) => offsets[0] + (k - 1) * spacing,
-  );
-  const taken = profiles(image, quad, places, wider);
-  const slopes = new Float32Array(4 * places.length * offsets.length);
+function slopesAcross(image, quad, reach) {
+  const count = 2 * reach + 1;
+  const wider = Float64Array.from({ length: count + 2 }, (_, k) => k - reach - 1);
+  const taken = profiles(image, quad, SNAP_PLACES, wider);
+  const slopes = new Float32Array(4 * SNAP_SAMPLES * count);
   for (let at = 0, to = 0; at < taken.length; at += wider.length) {
-    for (let k = 0; k < offsets.length; k++) {
-      slopes[to++] = (taken[at + k + 2] - taken[at + k]) / (2 * spacing);
-    }
+    for (let k = 0; k < count; k++) slopes[to++] = (taken[at + k + 2] - taken[at + k]) / 2;
   }
   return slopes;
 }
@@ -277,31 +250,25 @@ function slopesAcross(image, quad, { spacing, offsets, places }) {
 /**
  * Find the line along a side that has most votes.
  *
- * @param {Float32Array} slopes - `slopesAcross`
- * @param {number} side
- * @param {Trial} trial
- * @param {1 | -1} sign - 1 for edges that are bright inside, -1 for those that are dark inside
- * @returns {{ first: number, last: number, votes: number }} numbers of the offsets at both ends
+ * @param {Float32Array} slopes - (places, offsets) of `slopesAcross`
+ * @param {number} reach - largest offset, pixels
+ * @returns {{ first: number, last: number, votes: number }} offsets at both ends
  */
-function elected(slopes, side, { offsets, places, hit }, sign) {
-  const count = offsets.length;
-  const size = places.length * count;
-  const votes = new Float32Array(size);
-  for (let at = 0; at < size; at++) {
-    const vote = Math.max(0, sign * slopes[side * size + at] - NOISE_SLOPE);
-    votes[at] = vote / (vote + SATURATION_SLOPE);
-  }
+function elected(slopes, reach) {
+  const count = 2 * reach + 1;
+  const hit = offsetsHit(reach);
+  const votes = slopes.map((slope) => {
+    const vote = Math.max(0, slope - NOISE_SLOPE);
+    return vote / (vote + SATURATION_SLOPE);
+  });
   const best = { first: 0, last: 0, votes: -Infinity };
-  for (let first = 0, at = 0; first < count; first++) {
-    for (let last = 0; last < count; last++) {
+  let at = 0;
+  for (let first = -reach; first <= reach; first++) {
+    for (let last = -reach; last <= reach; last++) {
       // ties go to the line that moves least
-      let total = -1e-3 * (Math.abs(offsets[first]) + Math.abs(offsets[last]));
-      for (let row = 0; row < size; row += count) total += votes[row + hit[at++]];
-      if (total > best.votes) {
-        best.first = first;
-        best.last = last;
-        best.votes = total;
-      }
+      let total = -1e-3 * (Math.abs(first) + Math.abs(last));
+      for (let row = 0; row < votes.length; row += count) total += votes[row + hit[at++]];
+      if (total > best.votes) Object.assign(best, { first, last, votes: total });
     }
   }
   return best;
@@ -336,110 +303,4 @@ function moved(quad, first, last, reach) {
     ([x, y], i) => Math.max(Math.abs(x - quad[i][0]), Math.abs(y - quad[i][1])) > 4 * reach + 1,
   );
   return wild ? quad : there;
-}
-
-/**
- * Move each side of a quadrilateral to a straight edge, to sub-pixels.
- *
- * The edge that most of the side shows gets a line through the peaks of the image's gradient.
- * Edges that are dark inside count where they are much clearer: a light bezel, or a white page.
- *
- * @param {FloatPlane} image
- * @param {Quad} corners - clockwise
- * @param {number} reach - pixels that a side may move at either end
- * @returns {Quad} a side without edge stays where it was
- */
-export function fitEdges(image, corners, reach) {
-  const trial = trialOf(reach, Math.max(0.5, reach / 10), FIT_SAMPLES);
-  const { offsets, places, spacing } = trial;
-  const slopes = slopesAcross(image, corners, trial);
-  const size = places.length * offsets.length;
-  const first = [0, 0, 0, 0];
-  const last = [0, 0, 0, 0];
-  for (let side = 0; side < 4; side++) {
-    const falls = elected(slopes, side, trial, 1);
-    const rises = elected(slopes, side, trial, -1);
-    // a light bezel, or a white page around the picture
-    const other = rises.votes > OTHER_SIDE * falls.votes;
-    const best = other ? rises : falls;
-    const slope = slopes.slice(side * size, (side + 1) * size);
-    if (other) for (let at = 0; at < size; at++) slope[at] = -slope[at];
-    const guess = places.map(
-      (share) => offsets[best.first] * (1 - share) + offsets[best.last] * share,
-    );
-    const line = fitLine(places, peaks(slope, offsets, guess, spacing));
-    if (line.used >= MIN_EDGE_SHARE) {
-      first[side] = line.first;
-      last[side] = line.last;
-    }
-  }
-  return moved(corners, first, last, reach);
-}
-
-/**
- * Find the gradient's peaks nearest to a guess, to sub-pixels.
- *
- * @param {Float32Array} slope - (places, offsets)
- * @param {Float64Array} offsets
- * @param {Float64Array} guess - (places,) offsets
- * @param {number} spacing
- * @returns {{ peak: Float64Array, height: Float64Array }} (places,) offsets, and heights, 0 where
- *   there is no peak
- */
-function peaks(slope, offsets, guess, spacing) {
-  const count = offsets.length;
-  const peak = new Float64Array(guess.length);
-  const height = new Float64Array(guess.length);
-  for (let s = 0; s < guess.length; s++) {
-    const row = s * count;
-    let k = 0;
-    let most = -Infinity;
-    for (let at = 0; at < count; at++) {
-      if (Math.abs(offsets[at] - guess[s]) > PEAK_STEPS * spacing) continue;
-      if (slope[row + at] <= most) continue;
-      most = slope[row + at];
-      k = at;
-    }
-    k = Math.min(Math.max(k, 1), count - 2);
-    const [low, mid, high] = [slope[row + k - 1], slope[row + k], slope[row + k + 1]];
-    const bend = low - 2 * mid + high;
-    peak[s] = offsets[k];
-    if (mid >= low && mid >= high && mid > 1 && bend < 0) {
-      peak[s] += ((low - high) / (2 * bend)) * spacing;
-      height[s] = mid;
-    }
-  }
-  return { peak, height };
-}
-
-/**
- * Fit a line through peaks, robustly.
- *
- * @param {Float64Array} places
- * @param {{ peak: Float64Array, height: Float64Array }} peaks
- * @returns {{ first: number, last: number, used: number }} offsets at both ends of the side, and
- *   the share of peaks that lie on the line; zeros where there is no peak
- */
-function fitLine(places, { peak, height }) {
-  const weight = height.map((value) => value / (value + SATURATION_SLOPE));
-  if (weight.reduce((sum, value) => sum + value, 0) < 1e-6) return { first: 0, last: 0, used: 0 };
-  const A = new Float64Array(2 * places.length);
-  places.forEach((share, s) => A.set([1 - share, share], 2 * s));
-  const residualsOf = (/** @type {Float64Array} */ line) =>
-    peak.map((offset, s) => Math.abs(offset - line[0] * A[2 * s] - line[1] * A[2 * s + 1]));
-  const spread = (/** @type {Float64Array} */ residuals) =>
-    Math.max(0.1, MAD_TO_SIGMA * median(residuals.filter((_, s) => height[s] > 0)));
-  const { solution } = reweighted({
-    solve: (robust) =>
-      ridgeSolution(A, peak, robust.map((value, s) => value * weight[s]), [1e-6, 0, 0, 1e-6]),
-    residualsOf,
-    scaleOf: (residuals) => 1.5 * spread(residuals),
-    rounds: 6,
-    weights: new Float64Array(places.length).fill(1),
-    weigh: gemanMcclureWeights,
-  });
-  const residuals = residualsOf(solution);
-  const limit = 3 * spread(residuals);
-  const on = residuals.filter((residual, s) => residual < limit && height[s] > 0).length;
-  return { first: solution[0], last: solution[1], used: on / places.length };
 }

@@ -1,61 +1,41 @@
 /**
  * Find the lit display in a photograph: candidates first, then the ratex patches decide.
  *
- * Where the layout has ratex patches, these tell which candidate is the display, which way up it
- * is, and where its corners are to sub-pixels. Without patches the likeliest candidate is taken.
+ * They tell which candidate is the display, which way up it is, and where its corners are to
+ * sub-pixels. Displays without patches, which Python finds in a single image, too, are found by
+ * their pilots (pilots/search).
  */
 
 import { locateFind } from "../generated/constants.js";
-import { WORK_PX, candidateSteps, onFullImage, smallCopy } from "./candidates.js";
+import { candidateSteps, onFullImage, smallCopy } from "./candidates.js";
 import { imagePyramid, searchPatches } from "./patches.js";
-import { isSound, lineSteps, rolled, upright } from "./quads.js";
-import {
-  OUTSIDE,
-  clippedToImage,
-  cornersOnEdges,
-  cornersOnPatchesSteps,
-  neededCorrelation,
-} from "./refine.js";
+import { isSound, lineSteps, rolled } from "./quads.js";
+import { OUTSIDE, cornersOnPatchesSteps, neededCorrelation } from "./refine.js";
 import { MAX_OUTSIDE, cornerCells, partialSteps, spotSteps, wholeSteps } from "./spots.js";
-import { runToEnd } from "../link/code/steps.js";
 
 /** @typedef {import("./candidates.js").Located} Located */
 /** @typedef {import("./patches.js").Pyramid} Pyramid */
 
 const {
-  SMALL_ERROR_PX, LIKELY, SPOT_QUADS, PARTIAL_QUADS, ALL_TURNS, SURE_CORRELATION, PROMISING,
-  LEAVING_QUADS, PROMISING_PARTLY, SAME_PLACE, MAX_ASPECT, MIN_SCORE,
+  LIKELY, SPOT_QUADS, PARTIAL_QUADS, ALL_TURNS, SURE_CORRELATION, PROMISING, LEAVING_QUADS,
+  PROMISING_PARTLY, SAME_PLACE, MAX_ASPECT,
 } = locateFind;
 
 /** Largest number of turns of one quadrilateral that are aligned. */
 const ALIGNED_TURNS = 2;
 
 /**
- * Find the lit display in an image.
- *
- * @param {BytePlane} image
- * @param {Layout | null} [layout] - of what is displayed; its ratex patches tell the orientation
- * @returns {Located | null} null where nothing looks like a display, or shows the patches
- */
-export function locate(image, layout = null) {
-  return runToEnd(searchSteps(image, layout));
-}
-
-/**
- * Find the lit display in an image step by step.
+ * Find the lit display in an image step by step; a part of it may be out of view, or covered.
  *
  * @param {BytePlane} image - it must stay as it is until the end
- * @param {Layout | null} [layout] - of what is displayed; its ratex patches tell the orientation
- * @param {boolean} [partly] - whether a display that is partly in view, or whose patches are partly
- *   covered, is sought, too
+ * @param {Layout} layout - of what is displayed, with patches
  * @param {Point[][]} [avoid] - pixels of displays with patches that are not to be found
- * @returns {Steps<Located | null>} what `locate` returns
+ * @returns {Steps<Located | null>} null where nothing shows the patches
  */
-export function* searchSteps(image, layout = null, partly = true, avoid = []) {
+export function* searchSteps(image, layout, avoid = []) {
   const { width, height } = image;
   if (Math.max(width, height) > MAX_ASPECT * Math.min(width, height)) return null;
   const candidates = yield* candidateSteps(image);
-  if (!layout?.ratex.length) return likeliest(image, candidates);
   const seek = new PatchSearch(image, layout, avoid);
   const corners = candidates.map((candidate) => candidate.corners);
   let found = yield* seek.best(corners.slice(0, LIKELY), ALL_TURNS);
@@ -66,16 +46,14 @@ export function* searchSteps(image, layout = null, partly = true, avoid = []) {
     const whole = yield* wholeSteps(spots, layout, copy, SPOT_QUADS);
     found = yield* seek.best(whole.map((quad) => onFullImage(quad, scale)), [0]);
     if (found) return found;
-    if (partly) {
-      const bent = yield* partialSteps(spots, layout, copy, PARTIAL_QUADS);
-      found = yield* seek.bestPartial(
-        bent.map((guesses) => guesses.map((quad) => onFullImage(quad, scale))),
-      );
-      if (found) return found;
-    }
+    const bent = yield* partialSteps(spots, layout, copy, PARTIAL_QUADS);
+    found = yield* seek.bestPartial(
+      bent.map((guesses) => guesses.map((quad) => onFullImage(quad, scale))),
+    );
+    if (found) return found;
   }
   found = yield* seek.best(corners.slice(LIKELY), ALL_TURNS);
-  if (found || !partly) return found;
+  if (found) return found;
   const leaving = yield* lineSteps(copy, LEAVING_QUADS, OUTSIDE);
   return yield* seek.best(leaving.map((quad) => onFullImage(quad, scale)), ALL_TURNS);
 }
@@ -94,22 +72,6 @@ export function isAt(corners, places) {
   return places.some(
     (place) => corners.reduce((sum, corner, i) => sum + apart(corner, place[i]), 0) < near,
   );
-}
-
-/**
- * Take the first candidate, with its corners moved onto edges.
- *
- * @param {BytePlane} image
- * @param {Located[]} candidates
- * @returns {Located | null} null where it is too unlikely
- */
-function likeliest(image, candidates) {
-  const [first] = candidates;
-  if (!first || first.score < MIN_SCORE) return null;
-  const { width, height } = image;
-  const reach = SMALL_ERROR_PX * Math.max(1, Math.max(width, height) / WORK_PX);
-  const corners = clippedToImage(cornersOnEdges(image, first.corners, reach), width, height);
-  return { corners: upright(corners), score: first.score };
 }
 
 /** Looks for the patches of a layout at quadrilaterals of one image. */

@@ -1,13 +1,9 @@
-/**
- * Move corners that are a few per cent off onto the ratex patches, or onto the display's edges.
- */
+/** Move corners that are a few per cent off onto the ratex patches. */
 
 import { locateRefine } from "../generated/constants.js";
-import { blurred } from "../image/blur.js";
 import { homographyFromCorners, rectify } from "../link/geometry.js";
 import { CLEAR_MATCH, matchPatches } from "../link/ratex.js";
 import { alignSteps } from "./align.js";
-import { fitEdges } from "./edges.js";
 import {
   cornersFromPatches,
   patchesInView,
@@ -28,8 +24,6 @@ import { runToEnd } from "../link/code/steps.js";
 export const { OUTSIDE } = locateRefine;
 const { SEARCHES, FEW_PATCHES_CORRELATION, USUAL_CORRELATION, PARTLY_SPREADS } = locateRefine;
 
-/** Largest distance, in pixels, that corners move onto edges in the second round. */
-const FINE_REACH_PX = 4.0;
 /** Units of work of the searches for patches, and of looking at them. */
 const SEARCH_WORK = 4;
 const LOOK_WORK = 2;
@@ -115,22 +109,6 @@ function judge(image, corners, layout) {
 }
 
 /**
- * Move corners so that the sides lie on edges of the image, first coarsely and then finely.
- *
- * @param {BytePlane} gray
- * @param {Quad} corners - clockwise
- * @param {number} reach - pixels that a side may move at either end
- * @returns {Quad} a side without an edge in reach stays
- */
-export function cornersOnEdges(gray, corners, reach) {
-  const smooth = blurred(gray, 1.0);
-  for (const pixels of [reach, Math.min(reach, FINE_REACH_PX)]) {
-    corners = fitEdges(smooth, corners, pixels);
-  }
-  return corners;
-}
-
-/**
  * Move corners that lie outside an image to its border.
  *
  * @param {Quad} corners
@@ -138,7 +116,7 @@ export function cornersOnEdges(gray, corners, reach) {
  * @param {number} height - of the image, pixels
  * @returns {Quad}
  */
-export function clippedToImage(corners, width, height) {
+function clippedToImage(corners, width, height) {
   return corners.map(([x, y]) => [
     Math.min(Math.max(x, -0.5), width - 0.5),
     Math.min(Math.max(y, -0.5), height - 0.5),

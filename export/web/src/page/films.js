@@ -1,8 +1,8 @@
 /**
  * The frames of a film: all of them, each after the one before is read, however slow the device is.
  *
- * Films without compression (.y4m) are read here. For others, mediabunny finds the frames in the
- * file, and the browser's decoder turns them into pictures; the film is not played.
+ * mediabunny finds the frames in the file, and the browser's decoder turns them into pictures; the
+ * film is not played.
  */
 
 import {
@@ -10,12 +10,11 @@ import {
 } from "mediabunny";
 import { imagesVideo } from "../generated/constants.js";
 import { rateOf } from "./frames.js";
-import { readY4m, Y4M_MAGIC } from "./y4m.js";
 
 /** @import { InputVideoTrack, VideoSample } from "mediabunny" */
 /** @import { Pixels } from "./frames.js" */
 
-/** Kinds of compressed films that are read; cameras, phones and browsers write these. */
+/** Kinds of films that are read; cameras, phones and browsers write these. */
 const KINDS = [MP4, QTFF, WEBM, MATROSKA];
 
 /** Number of frames from whose times a film's rate is taken. */
@@ -25,9 +24,8 @@ const { MAX_FPS, MAX_GAP_S } = imagesVideo;
 /** Smallest time, in seconds, from one frame to the next that is believed. */
 const MIN_GAP_S = 0.5 / MAX_FPS;
 
-/** Why a file is not read, and why nothing is read in it. */
-const NO_FRAMES = "the film has no frames, or was cut off";
-const NO_FILM = "the file is no film, or none that this page reads (mp4, mov, webm, mkv, y4m)";
+/** Why a file is not read. */
+const NO_FILM = "the file is no film, or none that this page reads (mp4, mov, webm, mkv)";
 
 /** A film that is not read, or not to its end; the message says why. */
 export class Unreadable extends Error {}
@@ -54,8 +52,27 @@ export class Unreadable extends Error {}
  * @throws {Unreadable} there is no such film, it is damaged, or this browser cannot decode it
  */
 export async function filmFrames(film, viewer, signal) {
-  if (await isY4m(film, signal)) await plainFrames(await streamOf(film, signal), viewer, signal);
-  else await codedFrames(film, viewer, signal);
+  const file = film instanceof Blob ? film : await loaded(film, signal);
+  if (!file.size) throw new Unreadable("the file is empty");
+  const input = new Input({ source: new BlobSource(file), formats: KINDS });
+  let count = 0;
+  try {
+    const track = await trackOf(input);
+    const fps = rateOf(await firstTimes(track));
+    const timeOf = risingTimes(fps);
+    if (signal.aborted) return;
+    viewer.begin(fps);
+    for await (const sample of new VideoSampleSink(track).samples()) {
+      await takeSample(sample, timeOf(sample.timestamp), viewer);
+      count++;
+      if (signal.aborted) return; // which closes the decoder
+    }
+  } catch (error) {
+    throw error instanceof Unreadable ? error : new Unreadable(endedAt(count + 1, error));
+  } finally {
+    input.dispose();
+  }
+  if (!count) throw new Unreadable("the film has no frames, or was cut off");
 }
 
 /**
@@ -79,96 +96,18 @@ export function risingTimes(fps) {
 }
 
 /**
- * Tell films without compression from others by their first bytes.
+ * Load a film.
  *
- * @param {Blob | URL} film
+ * @param {URL} address
  * @param {AbortSignal} signal
- * @throws {Unreadable} there is no such film, or it is empty
- */
-async function isY4m(film, signal) {
-  const reader = (await streamOf(film, signal)).getReader();
-  let start = "";
-  while (start.length < Y4M_MAGIC.length) {
-    const { value, done } = await reader.read();
-    if (done) break;
-    start += String.fromCharCode(...value.subarray(0, Y4M_MAGIC.length));
-  }
-  await reader.cancel(); // what follows is not loaded
-  if (!start) throw new Unreadable("the file is empty");
-  return start.startsWith(Y4M_MAGIC);
-}
-
-/**
- * Open a film's bytes.
- *
- * @param {Blob | URL} film
- * @param {AbortSignal} signal
+ * @returns {Promise<Blob>}
  * @throws {Unreadable} there is no such film
  */
-async function streamOf(film, signal) {
-  if (film instanceof Blob) return film.stream();
-  const response = await fetch(film, { signal }).catch(() => null);
+async function loaded(address, signal) {
+  const response = await fetch(address, { signal }).catch(() => null);
   signal.throwIfAborted();
-  if (response?.ok && response.body) return response.body;
-  throw new Unreadable(`there is no film at ${film.pathname}`);
-}
-
-/**
- * Read a film without compression.
- *
- * @param {ReadableStream<Uint8Array>} stream
- * @param {Viewer} viewer
- * @param {AbortSignal} signal
- */
-async function plainFrames(stream, viewer, signal) {
-  /** @type {((stated: number) => number) | null} */
-  let timeOf = null;
-  for await (const { plane, time, fps } of readY4m(stream)) {
-    if (signal.aborted) return;
-    if (timeOf === null) viewer.begin(fps);
-    timeOf ??= risingTimes(fps);
-    viewer.show(plane.width, plane.height, (context) => drawPlane(plane, context));
-    await viewer.take({ plane }, timeOf(time));
-  }
-  if (timeOf === null) throw new Unreadable(NO_FRAMES);
-}
-
-/** @param {Plane} plane @param {CanvasRenderingContext2D} context */
-export function drawPlane({ width, height, data }, context) {
-  const image = new ImageData(width, height);
-  const pixels = new Uint32Array(image.data.buffer);
-  for (let i = 0; i < data.length; i++) pixels[i] = 0xff000000 | (data[i] * 0x010101);
-  context.putImageData(image, 0, 0);
-}
-
-/**
- * Read a compressed film.
- *
- * @param {Blob | URL} film
- * @param {Viewer} viewer
- * @param {AbortSignal} signal
- */
-async function codedFrames(film, viewer, signal) {
-  const file = film instanceof Blob ? film : await new Response(await streamOf(film, signal)).blob();
-  const input = new Input({ source: new BlobSource(file), formats: KINDS });
-  let count = 0;
-  try {
-    const track = await trackOf(input);
-    const fps = rateOf(await firstTimes(track));
-    const timeOf = risingTimes(fps);
-    if (signal.aborted) return;
-    viewer.begin(fps);
-    for await (const sample of new VideoSampleSink(track).samples()) {
-      await takeSample(sample, timeOf(sample.timestamp), viewer);
-      count++;
-      if (signal.aborted) return; // which closes the decoder
-    }
-  } catch (error) {
-    throw error instanceof Unreadable ? error : new Unreadable(endedAt(count + 1, error));
-  } finally {
-    input.dispose();
-  }
-  if (!count) throw new Unreadable(NO_FRAMES);
+  if (response?.ok) return response.blob();
+  throw new Unreadable(`there is no film at ${address.pathname}`);
 }
 
 /** @param {InputVideoTrack} track @returns {Promise<number[]>} seconds, rising */
@@ -211,7 +150,7 @@ async function trackOf(input) {
  * @param {Viewer} viewer
  */
 async function takeSample(sample, time, viewer) {
-  const { rotation, flip } = sample;
+  const { rotation } = sample;
   const frame = sample.toVideoFrame();
   const { width, height } = frame.visibleRect ?? { width: 0, height: 0 };
   const [wide, high] = rotation % 180 ? [height, width] : [width, height];
@@ -223,5 +162,5 @@ async function takeSample(sample, time, viewer) {
   } finally {
     sample.close();
   }
-  await viewer.take({ frame, rotation, flip }, time);
+  await viewer.take({ frame, rotation }, time);
 }

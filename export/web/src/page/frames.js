@@ -13,11 +13,10 @@ const MIN_FPS = 1;
 const { DEFAULT_FPS, MAX_FPS } = imagesVideo;
 
 /**
- * A frame: as the browser has it, with the degrees by which it is to be turned clockwise and whether
- * it is to be mirrored then, left and right; or as pixels of a canvas; or as luma.
+ * A frame: as the browser has it, with the degrees by which it is to be turned clockwise; or as
+ * pixels of a canvas.
  *
- * @typedef {{ frame?: VideoFrame, rotation?: number, flip?: boolean, rgba?: RgbaImage,
- *   plane?: Plane }} Pixels
+ * @typedef {{ frame?: VideoFrame, rotation?: number, rgba?: RgbaImage }} Pixels
  */
 
 /**

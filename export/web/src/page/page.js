@@ -4,7 +4,7 @@ import { codeAuthenticate } from "../generated/constants.js";
 import { textOf, utf8Of } from "../link/code/message.js";
 import { adviceFor, barOf, cameraTrouble, stateOf } from "./advice.js";
 import { cameraControls, listCameras, openCamera } from "./camera.js";
-import { drawPlane, filmFrames } from "./films.js";
+import { filmFrames } from "./films.js";
 import { cameraFrames } from "./frames.js";
 import { Overlay } from "./overlay.js";
 import { Reception } from "./reception.js";
@@ -112,12 +112,8 @@ function showStep(step) {
   byId("progress").value = barOf(step);
   byId("percent").textContent = `${Math.floor(100 * barOf(step))} %`;
   byId("received").hidden = false;
-  const { bits } = step;
-  byId("bits").hidden = !bits;
-  if (bits) {
-    [byId("bits").width, byId("bits").height] = [bits.width, bits.height];
-    drawPlane(bits, byId("bits").getContext("2d"));
-  }
+  byId("bits").hidden = !step.bits;
+  if (step.bits) drawBits(step.bits);
   byId("details").textContent = detailsOf(step);
   if (step.arrival && step.arrival.refused === null) {
     stop();
@@ -138,6 +134,15 @@ function showStep(step) {
     const waiting = text === state.text ? (performance.now() - state.since) / 1000 : 0;
     say(text, fromCamera ? adviceFor(step, waiting, step) : "");
   }
+}
+
+/** @param {Plane} bits */
+function drawBits({ width, height, data }) {
+  const image = new ImageData(width, height);
+  const pixels = new Uint32Array(image.data.buffer);
+  for (let i = 0; i < data.length; i++) pixels[i] = 0xff000000 | (data[i] * 0x010101);
+  Object.assign(byId("bits"), { width, height });
+  byId("bits").getContext("2d").putImageData(image, 0, 0);
 }
 
 /** @param {Step} step @returns {string} */

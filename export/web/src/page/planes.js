@@ -28,7 +28,7 @@ const FULL_OF_LIMITED = Uint8Array.from({ length: 256 }, (_, level) =>
  * @param {Uint8Array} luma - black is 16 and white is 235
  * @returns {Uint8Array} the same array; black is 0 and white is 255
  */
-export function stretchRange(luma) {
+function stretchRange(luma) {
   for (let i = 0; i < luma.length; i++) luma[i] = FULL_OF_LIMITED[luma[i]];
   return luma;
 }
@@ -65,12 +65,12 @@ export async function planeOfFrame(frame) {
       /** @type {any} */
       const options = { rect: box, format: "RGBA" }; // newer than the types that tsc knows
       const data = new Uint8Array(frame.allocationSize(options));
-      const [{ offset, stride }] = await frame.copyTo(data, options);
-      return planeOfRgba({ width, height, data: withoutGaps(data, offset, stride, 4 * width) });
+      await frame.copyTo(data, options);
+      return planeOfRgba({ width, height, data });
     }
     const data = new Uint8Array(frame.allocationSize({ rect: box }));
-    const [{ offset, stride }] = await frame.copyTo(data, { rect: box });
-    const luma = withoutGaps(data.subarray(0, offset + stride * height), offset, stride, width);
+    await frame.copyTo(data, { rect: box }); // luma comes first, and rows without gaps
+    const luma = data.subarray(0, width * height);
     return { width, height, data: frame.colorSpace.fullRange === false ? stretchRange(luma) : luma };
   } finally {
     frame.close();
@@ -78,41 +78,13 @@ export async function planeOfFrame(frame) {
 }
 
 /**
- * Cut the rows of a plane out of a buffer whose rows may be longer.
- *
- * @param {Uint8Array} data
- * @param {number} offset - index of the plane's first byte
- * @param {number} stride - bytes from one row to the next
- * @param {number} length - bytes of each row that count
- * @returns {Uint8Array} rows without gaps; shares its memory with `data`
- */
-function withoutGaps(data, offset, stride, length) {
-  const rows = Math.floor((data.length - offset) / stride);
-  if (stride !== length) {
-    for (let row = 0; row < rows; row++) {
-      const start = offset + row * stride;
-      data.copyWithin(row * length, start, start + length);
-    }
-    return data.subarray(0, rows * length);
-  }
-  return data.subarray(offset, offset + rows * length);
-}
-
-/**
  * Turn a frame the way in which it is to be seen, as films that were taken upright say it.
  *
  * @param {Plane} plane
  * @param {number} degrees - clockwise: 0, 90, 180 or 270
- * @param {boolean} flip - whether it is then mirrored, left and right
  * @returns {Plane} the same plane where nothing is to be done
  */
-export function turned(plane, degrees, flip) {
-  if (flip) {
-    const { width, height, data } = turned(plane, degrees, false);
-    const luma = data.slice();
-    for (let row = 0; row < height; row++) luma.subarray(row * width, (row + 1) * width).reverse();
-    return { width, height, data: luma };
-  }
+export function turned(plane, degrees) {
   if (degrees === 0) return plane;
   const { width, height, data } = plane;
   const last = data.length - 1;

@@ -109,8 +109,7 @@ export class Reception {
     }
     this.taken++;
     const pixels = typeof frame === "object" ? frame : frame();
-    const buffer = pixels.rgba?.data.buffer ?? pixels.plane?.data.buffer;
-    const moved = pixels.frame ?? buffer;
+    const moved = pixels.frame ?? pixels.rgba?.data.buffer;
     return this.hear(this.worker.take(transfer(pixels, moved ? [moved] : []), time));
   }
 

@@ -1,8 +1,8 @@
 /**
  * What the camera saw, as one file to send to us: a .tar of film.y4m and about.json.
  *
- * The film holds the luma of each frame and its time; any player of .y4m shows it, and
- * `export.receive` and this page read it.
+ * The film holds the luma of each frame, without compression; any player of .y4m shows it, and
+ * `export.receive` reads it.
  */
 
 /** Largest memory, in bytes, of the frames of one recording. */
@@ -50,9 +50,7 @@ export function recordingFile(frames, fps, about, seconds) {
   const rate = `${Math.round(1000 * fps)}:1000`;
   /** @type {(string | Uint8Array<ArrayBuffer>)[]} */
   const film = [`YUV4MPEG2 W${width} H${height} F${rate} Ip A1:1 Cmono XCOLORRANGE=FULL\n`];
-  for (const { plane, time } of frames) {
-    film.push(`FRAME XTIME=${time.toFixed(6)}\n`, new Uint8Array(plane.data));
-  }
+  for (const { plane } of frames) film.push("FRAME\n", new Uint8Array(plane.data));
   const parts = [];
   const text = JSON.stringify({ ...about, times: frames.map(({ time }) => time) }, null, 1);
   for (const [name, content] of [

@@ -161,10 +161,9 @@ async function loadAll() {
 }
 
 /** @param {Pixels} pixels @returns {Promise<Plane>} */
-async function planeOf({ frame, rotation = 0, flip = false, rgba, plane }) {
-  if (plane) return plane;
+async function planeOf({ frame, rotation = 0, rgba }) {
   if (rgba) return planeOfRgba(rgba);
-  if (frame) return turned(await planeOfFrame(frame), rotation, flip);
+  if (frame) return turned(await planeOfFrame(frame), rotation);
   throw new Error("a frame without pixels");
 }
 

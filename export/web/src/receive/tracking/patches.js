@@ -220,7 +220,7 @@ export class Tracker {
    */
   #begun(image) {
     this.#done = 0;
-    return searchSteps(image, this.layout, true, this.#aside.map(({ corners }) => corners));
+    return searchSteps(image, this.layout, this.#aside.map(({ corners }) => corners));
   }
 
   /**
