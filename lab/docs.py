@@ -71,7 +71,7 @@ STEPS |= {
     for still in ("", " --still beside", " --still within", " --still whole")
     for name, flags in {
         "robust": "--kappa 3 --state-hz 15 --fps 30",
-        "hidden": "--kappa 1 --state-hz 60 --fps 120 --loops 8",
+        "hidden": "--kappa 1 --state-hz 60 --fps 60 --loops 8",
     }.items()
 }
 STEPS |= {"film": "lab film --states 60 --keep"}

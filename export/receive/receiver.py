@@ -31,7 +31,7 @@ from link.types import Corners, Image
 STILL = 2.0
 """Smallest change of the toggles between two images, in standard errors over patches or pilots, at
 which the images show different states."""
-STILL_S, STILL_FRAMES = 2.0, 60
+STILL_S, STILL_FRAMES = 1.25, 36
 """Time, in seconds, and number of frames for which a display with patches is followed without
 anything to read before others are looked for, too: a picture that shows patches may stand still."""
 
