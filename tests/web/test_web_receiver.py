@@ -179,8 +179,12 @@ def read(receiver, frames, rate):
 
 
 def bits_alike(scores, others):
-    """Largest share of bits that are alike in some scores and in one of several others."""
-    return max(((scores > 0) == (other > 0)).mean() for other in others)
+    """Largest share of bits that are alike in some scores and in one of several others.
+
+    Bits that one of both erased do not count.
+    """
+    shared = [scores * other for other in others]
+    return max((product[product != 0] > 0).mean() for product in shared if product.any())
 
 
 @pytest.mark.slow
