@@ -5,6 +5,7 @@ import { test } from "node:test";
 
 import { expose } from "comlink";
 import { adviceFor, barOf, shareOf, stateOf } from "../src/page/advice.js";
+import { shortenExposure } from "../src/page/camera.js";
 import { risingTimes } from "../src/page/films.js";
 import { rateOf } from "../src/page/frames.js";
 import { planeOfFrame, planeOfRgba, turned } from "../src/page/planes.js";
@@ -144,7 +145,7 @@ test("advice says what would help, and waits before it does", () => {
   const image = { width: 100, height: 100 };
   const corners = [[10, 10], [90, 10], [90, 90], [10, 90]];
   const far = [[45, 45], [55, 45], [55, 55], [45, 55]];
-  const seen = { found: 90, slow: "", level: 120, clipped: 0, cut: false };
+  const seen = { found: 90, slow: "", exposed: 0, level: 120, clipped: 0, cut: false };
   const sight = { ...seen, corners, synchronised: true, progress: 0.5 };
   assert.ok(Math.abs(shareOf(corners, image) - 0.64) < 1e-12);
   const lost = { ...sight, corners: null, synchronised: false, progress: 0 };
@@ -161,10 +162,36 @@ test("advice says what would help, and waits before it does", () => {
   assert.match(adviceFor(lost, 9, image), /come closer/);
   assert.match(adviceFor({ ...sight, corners: far }, 9, image), /small.*closer/);
   assert.match(adviceFor({ ...sight, cut: true }, 9, image), /outside/);
+  assert.match(adviceFor({ ...sight, exposed: 2 }, 9, image), /shorter exposure/);
   assert.match(adviceFor({ ...sight, synchronised: false }, 9, image), /still/);
   assert.equal(adviceFor(sight, 9, image), "");
   const steps = [{ found: 0 }, { found: 9 }, { found: 60 }, { found: 99, progress: 0.2 }, sight];
   const bars = steps.map((step) => barOf({ ...lost, ...step }));
   assert.ok(bars[0] === 0 && bars.every((bar, i) => i === 0 || bar > bars[i - 1]));
   assert.ok(barOf({ ...sight, progress: 1.3 }) < 1);
+});
+
+test("frames are exposed for a shorter time, and the gain makes up for it", async () => {
+  /** @type {any[]} */
+  const applied = [];
+  const able = {
+    exposureMode: ["continuous", "manual"],
+    exposureTime: { min: 50, max: 2000, step: 1 },
+    iso: { min: 100, max: 800, step: 1 },
+  };
+  const track = (/** @type {any} */ offered) =>
+    /** @type {any} */ ({
+      getCapabilities: () => offered,
+      getSettings: () => ({ exposureMode: "continuous", exposureTime: 300, iso: 200 }),
+      applyConstraints: async (/** @type {any} */ { advanced }) => applied.push(...advanced),
+    });
+  assert.ok(await shortenExposure(track(able), 0.5));
+  assert.ok(await shortenExposure(track(able), 0.01));
+  assert.deepEqual(applied, [
+    { exposureMode: "manual", exposureTime: 150, iso: 400 },
+    { exposureMode: "manual", exposureTime: 50, iso: 800 },
+  ]);
+  const refusing = [{}, { ...able, iso: undefined }, { ...able, exposureMode: ["continuous"] }];
+  for (const less of refusing) assert.ok(!(await shortenExposure(track(less), 0.5)));
+  assert.equal(applied.length, 2);
 });

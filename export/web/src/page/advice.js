@@ -1,6 +1,6 @@
 /** Plain words for what the receiver sees, and for what to do about it. */
 
-import { BRIGHT, DARK } from "../receive/diagnosis.js";
+import { BRIGHT, DARK, LONG } from "../receive/diagnosis.js";
 import { MIN_FRAMES } from "../receive/timing/synchronise.js";
 
 /** Seconds of vain search after which the page gives advice. */
@@ -17,6 +17,7 @@ const NEARLY = 0.99;
  * @property {number[][] | null} corners - of the display in pixels, or null
  * @property {number} found - number of frames in which the display was found
  * @property {string} slow - which preset the camera is too slow for, or empty
+ * @property {number} exposed - length of an exposure, in states of the display; 0 if not known
  * @property {boolean} synchronised - whether the display's clock is known
  * @property {number} progress - share of the message that was received
  * @property {number | null} level - mean gray level of the display, else of all frames
@@ -72,6 +73,9 @@ export function adviceFor(sight, waiting, image) {
   }
   if (sight.cut) return "A part of the display is outside the picture. Move back a little.";
   if (shareOf(corners, image) < 0.06) return "The display is small in the picture. Come closer.";
+  if (sight.exposed > LONG) {
+    return "Each frame is exposed for too long. Add light, or choose a shorter exposure.";
+  }
   if (!synchronised) return "Hold the camera still. Is the display playing the message?";
   return waiting > 3 * PATIENCE_S ? "Hold still, or come closer: the message arrives slowly." : "";
 }

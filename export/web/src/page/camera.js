@@ -68,6 +68,29 @@ async function apply(track, settings) {
 }
 
 /**
+ * Expose each frame for a shorter time, and raise the gain by as much, where the browser lets a
+ * page do both.
+ *
+ * @param {MediaStreamTrack} track
+ * @param {number} factor - of the time, below 1
+ * @returns {Promise<boolean>} whether frames are exposed for a shorter time now
+ */
+export async function shortenExposure(track, factor) {
+  /** @type {Settings} */
+  const { exposureMode = [], exposureTime: times, iso: gains } = track.getCapabilities?.() ?? {};
+  /** @type {Settings} */
+  const { exposureTime, iso } = track.getSettings();
+  if (!exposureMode.includes("manual") || !times || !exposureTime || !gains || !iso) return false;
+  const shorter = Math.max(times.min, exposureTime * factor);
+  const setting = {
+    exposureMode: "manual",
+    exposureTime: shorter,
+    iso: Math.min(gains.max, (iso * exposureTime) / shorter),
+  };
+  return shorter < exposureTime && apply(track, /** @type {any} */ ({ advanced: [setting] }));
+}
+
+/**
  * A control of the camera: a switch, or a slider from one number to another.
  *
  * @typedef {object} Control

@@ -3,7 +3,8 @@
 import { codeAuthenticate } from "../generated/constants.js";
 import { textOf, utf8Of } from "../link/code/message.js";
 import { adviceFor, barOf, cameraTrouble, stateOf } from "./advice.js";
-import { cameraControls, listCameras, openCamera } from "./camera.js";
+import { LONG } from "../receive/diagnosis.js";
+import { cameraControls, listCameras, openCamera, shortenExposure } from "./camera.js";
 import { filmFrames } from "./films.js";
 import { cameraFrames } from "./frames.js";
 import { Overlay } from "./overlay.js";
@@ -49,6 +50,8 @@ let lastStep = null;
 let readAgain = () => {};
 /** Whether that was the camera. */
 let fromCamera = true;
+/** Whether the camera was told to expose for a shorter time; once is enough. */
+let shortened = false;
 /** @type {{ release(): Promise<void> } | null} */
 let awake = null;
 
@@ -115,6 +118,7 @@ function showStep(step) {
   byId("bits").hidden = !step.bits;
   if (step.bits) drawBits(step.bits);
   byId("details").textContent = detailsOf(step);
+  exposeForShorter(step);
   if (step.arrival && step.arrival.refused === null) {
     stop();
     showMessage(step.arrival);
@@ -237,6 +241,7 @@ function prepare(isCamera, again) {
   clearMessage();
   readAgain = again;
   fromCamera = isCamera;
+  shortened = false;
   running = new AbortController();
   byId("start").hidden = true;
   video.srcObject = null;
@@ -324,6 +329,18 @@ async function showControls(track, signal) {
 /** @param {Record<string, number>} values @returns {Record<string, string>} */
 function stringsOf(values) {
   return Object.fromEntries(Object.entries(values).map(([key, value]) => [key, String(value)]));
+}
+
+/**
+ * Let the camera expose for one state of the display where it exposes for longer.
+ *
+ * @param {Step} step
+ */
+function exposeForShorter({ exposed }) {
+  const track = streamOf(video)?.getVideoTracks()[0];
+  if (shortened || !track || exposed <= LONG) return;
+  shortened = true;
+  void shortenExposure(track, 1 / exposed);
 }
 
 /** @param {string} name @param {HTMLElement} element */

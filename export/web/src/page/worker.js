@@ -206,6 +206,7 @@ function report(corners, message, last) {
     clipped: observations.clipped,
     cut: observations.cut > OFTEN * observations.found,
     slow: explainSlowness(observations),
+    exposed: observations.exposed,
     explanation: explainSilence(observations),
     arrival: delivery && {
       data: delivery.message.data,
