@@ -4,10 +4,12 @@ from math import lcm
 
 import numpy as np
 
+from data_gen.film.frame import VideoFrame
 from lab.films.pilot_search import (
     PAN_PX,
     PATTERNS,
     SCENE,
+    KnownCorners,
     SearchOutcome,
     displayed_states,
     median_interval,
@@ -55,10 +57,20 @@ def test_displays_show_the_preset_or_another_layout_or_stand_still() -> None:
     assert len(states) == 1
 
 
+def test_an_observer_that_knows_the_corners_is_sure_of_what_toggles_alone() -> None:
+    states, layout = displayed_states("display", pictures(1), "hidden", np.random.default_rng(1))
+    seen, blind = KnownCorners(layout, 60.0), KnownCorners(layout, 60.0)
+    for number in range(24):
+        for observer, state in ((seen, states[number]), (blind, states[0])):
+            observer.push(VideoFrame(state, number, number / 60, 0.0, np.eye(3), {}, True, False))
+    assert seen.sure_s == 11 / 60
+    assert blind.sure_s is None
+
+
 def outcome(number: int, seen: str = "display", off: float | None = 0.2) -> SearchOutcome:
     found = None if off is None else 0.1 * (number + 1)
     return SearchOutcome(
-        "fast", seen, number, 30.0, 0.3, found, off, seen == "display" and bool(off)
+        "fast", seen, number, 30.0, 0.3, found, off, seen == "display" and bool(off), 0.1
     )
 
 
@@ -70,6 +82,7 @@ def test_the_table_counts_what_was_found_and_what_should_not_have_been() -> None
         for row in search_table(outcomes).rows
     )
     assert display["found"].startswith("2 (")
+    assert (display["surely seen"], still["surely seen"]) == ("3", "–")
     assert display["found wrongly"].startswith("0 (")
     assert display["median s"] == "0.15"
     assert (still["found"], still["found wrongly"][:3]) == ("–", "1 (")
