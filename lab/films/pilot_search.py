@@ -308,18 +308,15 @@ def search_table(outcomes: Sequence[SearchOutcome]) -> Table:
             else:
                 row.append("–")
             rows.append(row)
-    heads = [
-        "preset",
-        "frames/s",
-        "film of",
-        "films",
-        "found",
-        "if corners were known",
-        "found wrongly",
-        "median s",
-    ]
-    text = "Corners: median over the films of the mean distance of four corners, in pixels."
-    return Table([*heads, "corners off, px"], rows, text, left=3)
+    heads = (
+        "preset", "frames/s", "film of", "films", "found", "surely seen", "found wrongly",
+        "median s", "corners off, px",
+    )  # fmt: skip
+    text = (
+        "*surely seen*: where the corners are known, which no receiver knows, the evidence is "
+        "enough. Corners: median over the films of the mean distance of four corners, in pixels."
+    )
+    return Table(heads, rows, text, left=3)
 
 
 def check_search(flags: PilotSearchFlags) -> None:
