@@ -5,17 +5,18 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
+from data_gen.channel.composition import Shot
 from data_gen.channel.stills import capture
 from data_gen.effects import EFFECTS, FILM_EFFECTS, switch_off
 from data_gen.film.frame import VideoFrame
-from data_gen.film.scenes import SceneSettings
+from data_gen.film.scenes import Scene, SceneSettings
 from data_gen.pairs import CAMERAS, get_pair
 from data_gen.parameters import IDENTITY, LINEAR, Camera, Pair
 from link.embed import embed
 from link.frames import Captured, Displayed
 from link.geometry import frame_corners, transform
 from link.layout import Layout, make_layout
-from link.types import Array, Floats, Image
+from link.types import Array, Floats, Homography, Image
 
 SMALL = make_layout(4, 4, 128, 96, 2)
 ROOM = SceneSettings(
@@ -96,3 +97,18 @@ def true_centre(frame: VideoFrame) -> Array:
     corners = transform(frame.H_captured_from_display, frame_corners(SMALL.width, SMALL.height))
     shape = cv2.moments(corners.astype(np.float32)[:, None])
     return np.array([shape["m10"] / shape["m00"], shape["m01"] / shape["m00"]])
+
+
+def photograph(
+    frame: Image,
+    made: Scene,
+    rng: np.random.Generator,
+    H_captured_from_display: Homography | None = None,
+) -> Image:
+    """One still of a displayed frame; its reflection, drift, backlight and noise are drawn."""
+    viewpoint = made.viewpoint(rng)
+    drift = float(np.exp(made.pair.nuisance(made.view_deg).drift * rng.standard_normal()))
+    moved = H_captured_from_display
+    H = made.H_captured_from_display if moved is None else moved
+    shot = Shot(viewpoint, H, drift, float(rng.random()))
+    return shot.develop(shot.expose(frame), rng)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tyro.conf import Fixed, Suppress
 
-from data_gen.channel.composition import Layer, Shot, Viewpoint, repeat_channels
+from data_gen.channel.composition import Layer, Viewpoint, repeat_channels
 from data_gen.channel.display import Light, emitted_light, fall_to_corners, room_light
 from data_gen.channel.optics import (
     CAPTURE_WIDTH,
@@ -31,7 +31,7 @@ from link.errors import InputError, ParameterError, at_least, choose
 from link.geometry import frame_corners, transform
 from link.images import pixel_limit
 from link.layout import Layout
-from link.types import Homography, Image
+from link.types import Homography
 
 COVERAGE = (0.05, 0.9)
 """Smallest and largest share of the image that the picture covers."""
@@ -418,34 +418,3 @@ def _paint(
         width, height = box[2:] - box[:2]
         canvas.paint(lit, (*box[:2], 0), (width, 0, 0), (0, height, 0))
     return PaintedRoom(canvas.light, wall, canvas.cover, depth, settings.margin_px)
-
-
-def photograph(
-    frame: Image,
-    scene: Scene,
-    rng: np.random.Generator,
-    H_captured_from_display: Homography | None = None,
-) -> NDArray[np.uint8]:
-    """Take one still of a displayed frame in a scene.
-
-    The mirrored lamp, the exposure's drift, the backlight's phase and the noise are drawn.
-
-    Args:
-        frame: an `Image`, of the scene's layout.
-        scene: room, display and camera.
-        rng: source of every random draw.
-        H_captured_from_display: homography of a camera that has moved a little since; None
-            for the scene's.
-
-    Returns:
-        (H, W, 3) uint8, encoded RGB.
-    """
-    viewpoint = scene.viewpoint(rng)
-    drift = float(np.exp(scene.pair.nuisance(scene.view_deg).drift * rng.standard_normal()))
-    H = (
-        scene.H_captured_from_display
-        if H_captured_from_display is None
-        else H_captured_from_display
-    )
-    shot = Shot(viewpoint, H, drift, float(rng.random()))
-    return shot.develop(shot.expose(frame), rng)

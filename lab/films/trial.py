@@ -9,7 +9,6 @@ import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -199,16 +198,10 @@ class Delivery:
     """Time of the film until then, seconds."""
     frames: int
     """Number of frames until then."""
-    frames_with_display: int
-    """Number of frames in which the display was found."""
     bits: int
     """Number of bits that were decided on the way."""
     bits_wrong: int
     """Number of these that are wrong, each frame pair held against the one that it fits best."""
-    loop_frames: int
-    """Number of frame pairs in a loop of the message."""
-    receiver_fps: float
-    """Number of frames that the receiver took in a second of computing."""
     bins: list[Bin] = field(default_factory=list)
     """Bits that were decided and not erased, sorted by how sure the receiver was of them."""
 
@@ -319,7 +312,7 @@ class FilmReading:
         self._received: bytes | None = None
         self._wrong = self._decided = self._frames = 0
         self._bins: list[Bin] = []
-        self._spent = self._time = 0.0
+        self._time = 0.0
 
     @property
     def ended(self) -> bool:
@@ -329,10 +322,7 @@ class FilmReading:
     def push(self, frame: VideoFrame) -> None:
         """Give the receiver the next frame and its time."""
         self._frames, self._time = self._frames + 1, frame.time_s
-        start = perf_counter()
-        step = self._receiver.push(frame.rgb, frame.time_s)
-        self._spent += perf_counter() - start
-        self._note(step)
+        self._note(self._receiver.push(frame.rgb, frame.time_s))
 
     def _note(self, step: ReceiverStep) -> None:
         """Compare what the receiver read with what was shown."""
@@ -368,11 +358,8 @@ class FilmReading:
             loops=self._time * take.settings.state_hz / 2 / len(bits),
             seconds=self._time,
             frames=self._frames,
-            frames_with_display=self._receiver.found,
             bits=self._decided,
             bits_wrong=self._wrong,
-            loop_frames=len(bits),
-            receiver_fps=self._frames / max(self._spent, 1e-9),
             bins=self._bins,
         )
 

@@ -1,7 +1,6 @@
 """Intervals at 95 % of a share, such as an accuracy, also where errors cluster."""
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 Z95 = 1.959963984540054
 """Standard deviations of a normal distribution within which 95 % of it lie."""
@@ -48,33 +47,3 @@ def clustered_interval(
     variance = correct_squared / frames - (correct / frames) ** 2
     effective = bits / max(1.0, variance / (per_frame * p * (1 - p)))
     return wilson(p * effective, effective)
-
-
-def pooled_interval(wrong: ArrayLike, total: ArrayLike) -> tuple[float, float]:
-    """Wilson's 95 % interval of a share of wrong bits, where errors cluster by run.
-
-    The number of bits is divided by the design effect: the variance of the pooled share, as the
-    spread over the runs shows it, over that of independent bits. It is at least 1.
-
-    >>> low, high = pooled_interval([10, 10, 10, 10], [100, 100, 100, 100])
-    >>> round(low, 3), round(high, 3)
-    (0.074, 0.133)
-    >>> low, high = pooled_interval([0, 0, 0, 40], [100, 100, 100, 100])
-    >>> round(low, 3), round(high, 3)
-    (0.017, 0.423)
-
-    Args:
-        wrong: number of wrong bits in each run.
-        total: number of bits in each run.
-
-    Returns:
-        (low, high) in [0, 1]; (0, 1) where there is no bit.
-    """
-    errors, bits = np.asarray(wrong, np.float64), np.asarray(total, np.float64)
-    runs, count = len(bits), float(bits.sum())
-    if count == 0 or errors.sum() in (0, count) or runs < 2:
-        return wilson(float(errors.sum()), count)
-    share = errors.sum() / count
-    variance = runs / (runs - 1) * float(((errors - share * bits) ** 2).sum()) / count**2
-    effective = count / max(1.0, variance * count / (share * (1 - share)))
-    return wilson(share * effective, effective)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import cases
-from filming import even_scene, film, levels, only, scene
+from filming import even_scene, film, levels, only, photograph, scene
 from numpy.typing import NDArray
 from tolerances import CDTF_LEVELS, FLOAT32, IDENTITY_LEVELS
 
@@ -19,7 +19,7 @@ from data_gen.channel.stills import capture, draw_shots
 from data_gen.channel.transfer import cdtf, metered_gain
 from data_gen.effects import EFFECTS, switch_off, with_parameter
 from data_gen.film import stream
-from data_gen.film.scenes import SceneSettings, draw_scene, photograph
+from data_gen.film.scenes import SceneSettings, draw_scene
 from data_gen.film.stream import VideoSettings
 from data_gen.pairs import PAIRS, get_pair
 from data_gen.parameters import Pair

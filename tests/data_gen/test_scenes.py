@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from conftest import cases
-from filming import even_scene, only, scene
+from filming import even_scene, only, photograph, scene
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tolerances import FLOAT32, SUBPIXEL_PX
@@ -26,7 +26,7 @@ from data_gen.channel.stills import draw_shots
 from data_gen.effects import with_parameter
 from data_gen.film.passer import draw_passer
 from data_gen.film.rooms import ROOMS
-from data_gen.film.scenes import PaintedRoom, Scene, SceneSettings, draw_scene, photograph
+from data_gen.film.scenes import PaintedRoom, Scene, SceneSettings, draw_scene
 from data_gen.pairs import get_pair
 from data_gen.pictures.library import Picture
 from link.geometry import frame_corners, transform

@@ -16,10 +16,11 @@ from drawn_scenes import (
     scene,
     with_corner_out,
 )
+from filming import photograph
 from numpy.typing import NDArray
 from port import Port, same
 
-from data_gen.film.scenes import SceneSettings, draw_scene, photograph
+from data_gen.film.scenes import SceneSettings, draw_scene
 from data_gen.pairs import get_pair
 from export.locate.align import align_corners
 from export.locate.edges import side_features, snap_to_edges
