@@ -19,7 +19,7 @@ from link.errors import InputError
 
 
 def run(pair: str, view: float, delivered: bool, seconds: float) -> Delivery:
-    return Delivery(pair, view, 0, "a", delivered, False, 1.0, seconds, 9, 9, 100, 5, 4, 30.0)
+    return Delivery(pair, view, 0, "a", delivered, False, 1.0, seconds, 9, 100, 5)
 
 
 def rows(text: str) -> list[dict[str, str]]:
