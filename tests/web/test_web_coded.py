@@ -2,6 +2,7 @@
 
 from dataclasses import astuple
 
+import cv2
 import numpy as np
 import pytest
 from conftest import cases
@@ -21,8 +22,10 @@ from export.film_graph import FilmGraph
 from export.pilots.clock import DisplayClock, embedded_share
 from export.pilots.code import CodeSearch, clocks_tried
 from export.pilots.search.all_blocks import block_maps
+from export.pilots.search.parts import COARSE_SIZE, shifted_togglings
 from export.pilots.search.pilot_search import PilotSearch
-from export.pilots.signal import pilot_centres, pilot_signs
+from export.pilots.search.proposals import inset
+from export.pilots.signal import expected_changes, pilot_centres, pilot_signs
 from export.pilots.toggling import CodedToggling, find_toggling
 from export.receive.receiver import Receiver
 from export.runtime import Decoder
@@ -135,6 +138,36 @@ def test_pilots_tell_how_they_toggle(port: Port) -> None:
     assert found.toggling.clear == toggling.clear
     same(numbers_of(found.toggling.clock), astuple(toggling.clock), FLOAT64)
     assert evidence > 20
+
+
+def test_clocks_are_tried_at_shifts_of_a_display(port: Port) -> None:
+    """Of one that lies two blocks to the right and one further down than thought."""
+    clock, at = DisplayClock(0.5, 0.2, 0.0, 0.0, 0.3), np.arange(24.0)
+    shares = embedded_share(np.array([astuple(clock)]), at, np.full((1, 2), 0.5), CODE)[0, 0]
+    blocks = expected_changes(LAYOUT)
+    drawn = cv2.resize(blocks, COARSE_SIZE, interpolation=cv2.INTER_NEAREST)
+    side = [COARSE_SIZE[0] // LAYOUT.cols, COARSE_SIZE[1] // LAYOUT.rows]
+    shown = np.roll(drawn, (side[1], 2 * side[0]), axis=(0, 1))
+    noise = np.random.default_rng(2).normal(90, 3, (24, *shown.shape))
+    views = (noise + 4 * np.multiply.outer(2 * shares - 1, shown)).astype(np.float32)
+    found = shifted_togglings(views, blocks, LAYOUT, at.tolist(), 30.0)
+    width, height = COARSE_SIZE
+    planes = [{"width": width, "height": height, "data": view.reshape(-1)} for view in views]
+    steps = port("pilots/search/parts.js").shiftedTogglings
+    run = port("link/code/steps.js").runToEnd
+    ported = run(steps(planes, blocks.reshape(-1), LAYOUT, at.tolist(), 30.0))
+    for one, other in zip(ported, found, strict=True):
+        assert one.clock.period == other.clock.period == 0.5
+        apart = [each.number(12.0) - clock.number(12.0) for each in (one.clock, other.clock)]
+        assert np.abs((np.array(apart) + 63) % 126 - 63).max() <= 1
+
+
+@pytest.mark.parametrize("share", [0.0, 0.02])
+def test_a_frame_around_a_display_is_left_out(share: float, port: Port) -> None:
+    quad = np.array([[100.0, 50.0], [500.0, 90.0], [480.0, 400.0], [120.0, 380.0]])
+    found = np.array(port("pilots/search/proposals.js").inset(quad.tolist(), share))
+    same(found, inset(quad, share), FLOAT64)
+    assert (np.abs(found - quad).max() > 1) == (share > 0)
 
 
 def first_found(search, images):
