@@ -23,6 +23,7 @@ def test_settings_can_be_run(name: str) -> None:
     check_settings(config)
     assert config.layout == PRESETS[config.preset].layout
     assert config.fps >= config.state_hz / 3
+    assert "/" not in label_of_rates(RatesFlags(settings=(name,)))  # a file is named after it
     assert config.n_bytes == {"paper": 100, "robust": 2000}.get(name, 20_000)
 
 
