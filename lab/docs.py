@@ -96,8 +96,8 @@ STEPS |= {
         "slanted": "--settings slanted --views 45 --runs 6",
         "hidden": "--settings hidden --runs 2",
         "code": '--settings "hidden, 30 fps" "hidden, 60 fps" hidden --n-bytes 100',
-        "odd": '--settings "hidden, 24 fps of 50 Hz" "hidden, 25 fps of 75 Hz" "hidden, 29.97 fps of '
-        '72 Hz" "hidden, 50 fps of 60 Hz" "hidden, 59.94 fps of 75 Hz" "hidden, 30 fps, 33 ms" '
+        "odd": '--settings "hidden, 24 fps of 50 Hz" "hidden, 25 fps of 75 Hz" "hidden, 29.97 fps '
+        'of 72 Hz" "hidden, 50 fps of 60 Hz" "hidden, 59.94 fps of 75 Hz" "hidden, 30 fps, 33 ms" '
         '"hidden, 30 fps, 4 ms" --views 0 --n-bytes 100',
         "hidden_240": f'--settings "hidden, 240 fps" --views 0 {RATES_THREE}',
         "others": "--settings robust paper faint --runs 2",
