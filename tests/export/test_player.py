@@ -112,6 +112,7 @@ WINDOWS = {
 QUICK = ("125 %", "phone upright", "phone upright, by the processor")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name if name in QUICK else slow(name) for name in WINDOWS])
 def test_screenshots_while_it_plays_are_the_states_bit_for_bit(
     name: str, open_window: OpenWindow, player: Path, small: Loop
@@ -258,6 +259,7 @@ def resized(picture: Image, width: int, height: int) -> Array:
     return np.asarray(np.einsum("ij,jkc,lk->ilc", tall, picture, wide, optimize=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("upright", [False, True])
 @cases(
     *((name, (300, 200)) if name in SOON else slow(name, (300, 200)) for name in EXACT),

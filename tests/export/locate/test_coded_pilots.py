@@ -96,6 +96,7 @@ def test_a_display_is_found_by_its_code(fps: float, hold: float) -> None:
     assert abs((shown + CODE.period) % (2 * CODE.period) - CODE.period) < 1.5
 
 
+@pytest.mark.slow
 def test_pilots_without_a_code_stand_still_before_a_slow_camera() -> None:
     assert FINE.code == PLAIN
     assert found_in(FINE, [FINE], 30.0, 0.5, 40) is None

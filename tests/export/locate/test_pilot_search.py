@@ -56,11 +56,13 @@ def test_finds_the_display_its_layout_and_its_corners() -> None:
     assert display.layout == FINE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_finds_a_display_before_a_wall_that_moves_otherwise(seed: int) -> None:
     find(*filmed(FINE, 30, seed=seed, parallax=1.0), [FINE])
 
 
+@pytest.mark.slow
 def test_finds_a_display_to_which_the_camera_turns() -> None:
     """The search that began before a wall ends once the wall is out of view."""
     images, corners = filmed(FINE, 90, seed=0)
