@@ -1,9 +1,10 @@
 /**
  * Reads a film as the page's worker does, without a browser: node read.js SITE FILM.y4m
  *
- * SITE is a folder that `python -m export.web` wrote, and FILM.y4m a film of lab/films/y4m.py. Prints one line of JSON: the message's bytes
- * in base64 or null, the film's time and the number of frames until then, the seconds that the
- * receiver took for them, by stage and in all, and the memory that the process took, in bytes.
+ * SITE is a folder that `python -m export.web` wrote, and FILM.y4m a film of lab/films/y4m.py.
+ * Prints one line of JSON: the message's bytes in base64 or null, the film's time and the number of
+ * frames until then, the seconds that the receiver took for them, by stage and in all, and the
+ * memory that the process took, in bytes.
  */
 
 import { openSync, readFileSync, readSync } from "node:fs";

@@ -242,8 +242,7 @@ class KnownCorners:
     def __init__(self, layout: Layout, fps: float) -> None:
         self._layout, self._fps = layout, fps
         self._values: list[NDArray[np.float32]] = []
-        self._at: list[float] = []
-        self._first_s = 0.0
+        self._times: list[float] = []
         self.sure_s: float | None = None
         """Time of the frame at which it was sure, seconds; None before."""
 
@@ -252,16 +251,15 @@ class KnownCorners:
         layout = self._layout
         if self.sure_s is not None:
             return
-        if not self._at:
-            self._first_s = frame.time_s
         view = rectify(
             as_gray(frame.rgb), frame.H_captured_from_display, layout.width, layout.height
         )
         self._values.append(pilot_values(view, layout))
-        self._at.append(position(frame.time_s - self._first_s, self._fps))
-        if len(self._at) < LEAST_WINDOW // 2 or len(self._at) % KNOWN_EVERY:
+        self._times.append(frame.time_s)
+        if len(self._times) < LEAST_WINDOW // 2 or len(self._times) % KNOWN_EVERY:
             return
-        evidence, _ = find_toggling(self._values, layout, self._at, self._fps)
+        at = [position(time - self._times[0], self._fps) for time in self._times]
+        evidence, _ = find_toggling(self._values, layout, at, self._fps)
         if evidence >= min(SURE, SURE_SHARE * layout.pilots) + np.log(TRIALS):
             self.sure_s = frame.time_s
 

@@ -64,14 +64,8 @@ def coarse_shift(
     height, width = change.shape
     block = np.array([width / layout.cols, height / layout.rows])
     expected = _drawn(blocks, (width, height))
-    least = REACH_SHARE * width if far else 0.0
-    reach = [int(np.ceil(max(REACH_BLOCKS * side, least))) for side in block]
-    around = [
-        cv2.copyMakeBorder(
-            without_slope(part, block), reach[1], reach[1], reach[0], reach[0], cv2.BORDER_CONSTANT
-        )
-        for part in (change.real, change.imag)
-    ]
+    reach = _reach(width, block, far=far)
+    around = [_bordered(part, block, reach) for part in (change.real, change.imag)]
     for parts in PARTS:
         fit = _shift_of_parts(around, expected, layout, parts, reach)
         if fit is not None:
@@ -142,6 +136,19 @@ def _shift_of_parts(
     return np.asarray(fitted), int(inliers.sum())
 
 
+def _reach(width: int, block: Array, *, far: bool) -> list[int]:
+    """Choose the largest shift, along x and y, in pixels of maps of a width and of blocks."""
+    least = REACH_SHARE * width if far else 0.0
+    return [ceil(max(REACH_BLOCKS * side, least)) for side in block]
+
+
+def _bordered(image: NDArray[np.floating], block: Array, reach: list[int]) -> Map:
+    """Take the slope out of an image, and put zeros around it, as far as shifts reach."""
+    x, y = reach
+    flat = without_slope(image, block)
+    return np.asarray(cv2.copyMakeBorder(flat, y, y, x, x, cv2.BORDER_CONSTANT), np.float32)
+
+
 def _drawn(blocks: NDArray[np.floating], size: tuple[int, int]) -> Map:
     """Draw the (rows, cols) expected changes of the blocks as an image of (width, height)."""
     drawn = cv2.resize(np.asarray(blocks, np.float32), size, interpolation=cv2.INTER_NEAREST)
@@ -174,16 +181,11 @@ def shifted_togglings(
         fps: nominal number of frames of the camera in a second.
     """
     width, height = size = ROUGH_PX * layout.cols, ROUGH_PX * layout.rows
-    reach = ceil(max(REACH_BLOCKS * ROUGH_PX, REACH_SHARE * width))
+    block = np.full(2, float(ROUGH_PX))
+    right, down = reach = _reach(width, block, far=True)
     expected = _drawn(blocks, size)
     rough = [cv2.resize(view, size, interpolation=cv2.INTER_AREA) for view in views]
-    around = [
-        cv2.copyMakeBorder(
-            without_slope(view, np.full(2, float(ROUGH_PX))),
-            reach, reach, reach, reach, cv2.BORDER_CONSTANT,
-        )
-        for view in over_deviation(np.array(rough))
-    ]  # fmt: skip
+    around = [_bordered(view, block, reach) for view in over_deviation(np.array(rough))]
     search = code_search(layout, layout.code, tuple(at), fps)
     found: list[TogglePattern] = []
     for rows, cols in PARTS[1:]:
@@ -191,7 +193,7 @@ def shifted_togglings(
         matches = []
         for (top, bottom), (left, end) in product(pairwise(ys), pairwise(xs)):
             part = expected[top:bottom, left:end]
-            windows = [each[top : bottom + 2 * reach, left : end + 2 * reach] for each in around]
+            windows = [each[top : bottom + 2 * down, left : end + 2 * right] for each in around]
             seen = [cv2.matchTemplate(each, part, cv2.TM_CCORR) for each in windows]
             matches.append(np.array(seen).reshape(len(seen), -1))  # (T, y, x) -> (T, shifts)
         found.append(CodedToggling(search.highest(matches), layout.code))

@@ -3,6 +3,7 @@
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from itertools import chain, zip_longest
+from typing import Any
 
 import cv2
 import numpy as np
@@ -148,10 +149,7 @@ class Proposer:
             yield None
             if outline is not None:
                 outlines.append(self._watch.on_image(outline))
-        edges = [
-            quad for both in zip_longest(faint[:CANDIDATES], self._edges[::2]) for quad in both
-        ]
-        edges = [quad for quad in edges if quad is not None]
+        edges = _by_turns(faint[:CANDIDATES], self._edges[::2])
         usual = [*edges, *outlines]
         framed = [inset(quad, FRAME_SHARE) for quad in edges]
         return [*usual, *framed, *faint[CANDIDATES:]], len(usual)
@@ -192,8 +190,7 @@ class Proposer:
         numbers = range(len(quads))
         clearest = sorted(numbers, key=lambda i: -evidence[i])[:CANDIDATES]
         bounding = sorted(numbers, key=lambda i: -worth[i])[:CANDIDATES]
-        by_turns = chain(*zip_longest(clearest, [i for i in bounding if worth[i] > 0]))
-        first = [i for i in by_turns if i is not None]
+        first = _by_turns(clearest, [i for i in bounding if worth[i] > 0])
         return list(dict.fromkeys([*range(min(STRONGEST, usual)), *first, *range(usual)]))
 
     def _faint_edges(self) -> list[Array]:
@@ -235,6 +232,11 @@ class Proposer:
                         corners = np.roll(moved_corners(quad, fit[0], layout), -turn, axis=0)
                         best = fit[1], Proposal(corners, layout, toggling)
         return None if best is None else best[1]
+
+
+def _by_turns(first: Sequence[Any], second: Sequence[Any]) -> list[Any]:
+    """List the items of two sequences by turns, and what is left of the longer one."""
+    return [item for item in chain(*zip_longest(first, second)) if item is not None]
 
 
 def inset(quad: Array, share: float) -> Array:
