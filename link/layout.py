@@ -38,6 +38,8 @@ LEAST_PILOTS, MOST_PILOT_SHARE = 32, 0.25
 not exceed for that; docs/hidden.md measures how many a fit needs."""
 PILOT_SHARE = 0.05
 """Share of the blocks that "auto" makes pilots on grids of more than 20 times `LEAST_PILOTS`."""
+CODED_PILOT_SHARE = 0.1
+"""The same where a display's frame pairs follow a code: more clocks are tried for it by chance."""
 
 
 @dataclass(frozen=True)
@@ -242,13 +244,14 @@ class Layout:
         return cls(**{**data, "ratex": cells, "code": code})
 
 
-def count_pilots(pilots: str, rows: int, cols: int) -> int:
+def count_pilots(pilots: str, rows: int, cols: int, code: PilotCode = PLAIN) -> int:
     """Work out the number of pilots that a command's ``--pilots`` asks for.
 
     Args:
         pilots: "auto", or a share of the blocks from 0 to below 1; 0 gives none.
         rows: number of blocks from top to bottom.
         cols: number of blocks from left to right.
+        code: code of the order of the two states of frame pairs.
 
     Raises:
         ParameterError: ``pilots`` is no such share, or gives a single pilot or none.
@@ -259,7 +262,7 @@ def count_pilots(pilots: str, rows: int, cols: int) -> int:
     blocks = rows * cols
     if pilots == "auto":
         few = min(LEAST_PILOTS, round(MOST_PILOT_SHARE * blocks))
-        return max(few, round(PILOT_SHARE * blocks))
+        return max(few, round((PILOT_SHARE if code == PLAIN else CODED_PILOT_SHARE) * blocks))
     try:
         share = float(pilots)
     except ValueError:
@@ -309,7 +312,7 @@ def make_layout(
     """
     at_least(1, rows=rows, cols=cols)
     if isinstance(pilots, str):
-        pilots = count_pilots(pilots, rows, cols)
+        pilots = count_pilots(pilots, rows, cols, code)
     if ratex is None:
         ratex = 0 if pilots or colour != "gray" else 5
     bottom, right = rows - 1, cols - 1

@@ -173,6 +173,12 @@ def test_shares_of_pilots_become_numbers(pilots: str, rows: int, cols: int, coun
     assert count_pilots(pilots, rows, cols) == count
 
 
+def test_a_coded_display_has_more_pilots() -> None:
+    """Finding it takes more evidence: more clocks may explain it by chance."""
+    coded = PRESETS["hidden"].layout
+    assert coded.pilots == 307 > count_pilots("auto", coded.rows, coded.cols)
+
+
 @pytest.mark.parametrize("pilots", ["", "-0.1", "1", "1.5", "nan", "inf", "many", "AUTO", "5%"])
 def test_what_is_no_share_of_pilots_is_refused(pilots: str) -> None:
     with pytest.raises(ParameterError, match=r"^pilots: need auto, or a share from 0 to below 1"):

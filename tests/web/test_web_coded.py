@@ -1,6 +1,6 @@
 """The page finds a coded display's rate, moment and clock as Python does."""
 
-from dataclasses import astuple
+from dataclasses import astuple, replace
 
 import cv2
 import numpy as np
@@ -29,14 +29,14 @@ from export.pilots.signal import expected_changes, pilot_centres, pilot_signs
 from export.pilots.toggling import CodedToggling, find_toggling
 from export.receive.receiver import Receiver
 from export.runtime import Decoder
-from link.layout import make_layout
 from link.pilot_code import PilotCode
+from link.presets import PRESETS
 from link.types import Array
 from models import FILM_GRAPH, PRETRAINED_PILOTS
 
 CODE = PilotCode()
-LAYOUT = make_layout(24, 32, modulation="antipodal", pilots="auto", code=CODE)
-"""A grid that small films show well, with the code of the preset hidden."""
+LAYOUT = replace(PRESETS["robust"].layout, code=CODE)
+"""A grid that small films show well and a shipped graph reads, with the code of `hidden`."""
 GRAPH = PRETRAINED_PILOTS / "24x32.onnx"
 FPS = 30.0
 LATER, NO_EDGES_LATER = 16, 30

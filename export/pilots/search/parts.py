@@ -63,61 +63,95 @@ def coarse_shift(
     """
     height, width = change.shape
     block = np.array([width / layout.cols, height / layout.rows])
-    expected = _drawn(blocks, (width, height))
     reach = _reach(width, block, far=far)
     around = [_bordered(part, block, reach) for part in (change.real, change.imag)]
+    smallest = _match_parts(around, _drawn(blocks, (width, height)), reach)
+    # of the matches that chance makes, so many medians are one e-th as frequent as the median
+    unit = np.log(2) if around[1].any() else HALF_REAL
     for parts in PARTS:
-        fit = _shift_of_parts(around, expected, layout, parts, reach)
+        match = (_joined(smallest, parts) ** 2).sum(axis=2)
+        fit = _fit_shifts(match, unit, layout, (width, height))
         if fit is not None:
             return fit
     return None
 
 
-def _shift_of_parts(
-    around: Sequence[Map], expected: Map, layout: Layout, parts: tuple[int, int], reach: list[int]
-) -> tuple[Array, int] | None:
-    """Shift each of some parts by itself, and fit a transform to the shifts.
+def _match_parts(around: Sequence[Map], expected: Map, reach: list[int]) -> NDArray[np.float32]:
+    """Match each of the smallest parts with what is expected of it, at every shift.
 
     Args:
-        around: real and imaginary amplitude, with a border of ``reach`` on all sides.
+        around: N maps, each with a border of ``reach`` on all sides.
         expected: (h, w) expected changes.
-        layout: layout of the display.
-        parts: their number from top to bottom, and from left to right.
         reach: largest shift along x and y, pixels of the maps.
+
+    Returns:
+        (rows, cols, N, y, x) of as many rows and columns as the first of `PARTS` has.
+    """
+    x, y = reach
+    ys, xs = _ends(expected.shape, PARTS[0])
+    matches = [
+        cv2.matchTemplate(
+            each[top : bottom + 2 * y, left : right + 2 * x],
+            expected[top:bottom, left:right],
+            cv2.TM_CCORR,
+        )
+        for (top, bottom), (left, right) in product(pairwise(ys), pairwise(xs))
+        for each in around
+    ]
+    return np.reshape(matches, (*PARTS[0], len(around), 2 * y + 1, 2 * x + 1))
+
+
+def _joined(smallest: NDArray[np.float32], parts: tuple[int, int]) -> NDArray[np.float32]:
+    """Add up the matches of the smallest parts to those of larger ones, whose number is given."""
+    (rows, cols, *rest), (down, across) = smallest.shape, parts
+    split = smallest.reshape(down, rows // down, across, cols // across, *rest)
+    return np.asarray(split.sum(axis=(1, 3)))  # the rows and the columns in each larger part
+
+
+def _ends(size: Sequence[int], parts: tuple[int, int]) -> list[list[int]]:
+    """List where parts begin and end from top to bottom, and from left to right."""
+    return [
+        [number * side // count for number in range(count + 1)]
+        for side, count in zip(size, parts, strict=True)
+    ]
+
+
+def _fit_shifts(
+    match: NDArray[np.float32], unit: float, layout: Layout, size: tuple[int, int]
+) -> tuple[Array, int] | None:
+    """Shift each part by itself to where it matches best, and fit a transform to the shifts.
+
+    Args:
+        match: (rows, cols, y, x) how well each part matches, at every shift; not negative.
+        unit: power of e by which a match of a median more is rarer.
+        layout: layout of the display.
+        size: width and height of the maps.
 
     Returns:
         as `coarse_shift`.
     """
-    height, width = expected.shape
-    reach_x, reach_y = reach
-    scale = np.array([layout.width / width, layout.height / height])
+    scale = np.array([layout.width, layout.height]) / size
     same = SAME_BLOCKS * min(layout.width / layout.cols, layout.height / layout.rows)
-    # of the matches that chance makes, so many medians are one e-th as frequent as the median
-    unit = np.log(2) if around[1].any() else HALF_REAL
-    ys = np.linspace(0, height, parts[0] + 1).astype(int)
-    xs = np.linspace(0, width, parts[1] + 1).astype(int)
-    places, seen, heights = [], [], []
-    for top, bottom in pairwise(ys):
-        for left, right in pairwise(xs):
-            match = np.zeros(1, np.float32)
-            for part in around:
-                window = part[top : bottom + 2 * reach_y, left : right + 2 * reach_x]
-                found = cv2.matchTemplate(window, expected[top:bottom, left:right], cv2.TM_CCORR)
-                match = match + found**2
-            y, x = np.unravel_index(int(match.argmax()), match.shape)
-            heights.append(unit * float(match[y, x]) / (float(np.median(match)) + 1e-12))
-            place = np.array([(left + right - 1) / 2, (top + bottom - 1) / 2])
-            shift = [
-                x - reach_x + _peak(match[y], int(x)),
-                y - reach_y + _peak(match[:, x], int(y)),
-            ]
-            places.append((place + 0.5) * scale - 0.5)
-            seen.append((place + shift + 0.5) * scale - 0.5)
-    clear = np.array(heights) > CLEAR
+    parts, shifts = match.shape[:2], match.shape[2:]
+    ys, xs = _ends(size[::-1], parts)
+    flat = match.reshape(*parts, -1)  # (rows, cols, y, x) -> (rows, cols, shifts)
+    heights = (unit * flat.max(axis=2) / (np.median(flat, axis=2) + 1e-12)).ravel()
+    places, seen = [], []
+    for row, col in np.ndindex(parts):
+        here = match[row, col]
+        y, x = (int(at) for at in np.unravel_index(int(here.argmax()), shifts))
+        place = np.array([(xs[col] + xs[col + 1] - 1) / 2, (ys[row] + ys[row + 1] - 1) / 2])
+        shift = [
+            x - shifts[1] // 2 + _peak(here[y], x),
+            y - shifts[0] // 2 + _peak(here[:, x], y),
+        ]
+        places.append((place + 0.5) * scale - 0.5)
+        seen.append((place + shift + 0.5) * scale - 0.5)
+    clear = heights > CLEAR
     old, new = np.array(seen)[clear], np.array(places)[clear]
     count = len(old)
     if count and (count < FEW or len(heights) == 1):
-        best = int(np.argmax(np.array(heights)[clear]))
+        best = int(np.argmax(heights[clear]))
         agree = (np.linalg.norm((old - new) - (old - new)[best], axis=1) < same).sum()
         if len(heights) > 1 and agree < 2:
             return None
@@ -180,21 +214,17 @@ def shifted_togglings(
         at: (T,) positions of the frames.
         fps: nominal number of frames of the camera in a second.
     """
-    width, height = size = ROUGH_PX * layout.cols, ROUGH_PX * layout.rows
+    size = ROUGH_PX * layout.cols, ROUGH_PX * layout.rows
     block = np.full(2, float(ROUGH_PX))
-    right, down = reach = _reach(width, block, far=True)
+    reach = _reach(size[0], block, far=True)
     expected = _drawn(blocks, size)
     rough = [cv2.resize(view, size, interpolation=cv2.INTER_AREA) for view in views]
     around = [_bordered(view, block, reach) for view in over_deviation(np.array(rough))]
+    smallest = _match_parts(around, expected, reach)
     search = code_search(layout, layout.code, tuple(at), fps)
     found: list[TogglePattern] = []
-    for rows, cols in PARTS[1:]:
-        ys, xs = (np.linspace(0, s, n + 1).astype(int) for s, n in ((height, rows), (width, cols)))
-        matches = []
-        for (top, bottom), (left, end) in product(pairwise(ys), pairwise(xs)):
-            part = expected[top:bottom, left:end]
-            windows = [each[top : bottom + 2 * down, left : end + 2 * right] for each in around]
-            seen = [cv2.matchTemplate(each, part, cv2.TM_CCORR) for each in windows]
-            matches.append(np.array(seen).reshape(len(seen), -1))  # (T, y, x) -> (T, shifts)
-        found.append(CodedToggling(search.highest(matches), layout.code))
+    for parts in PARTS[1:]:
+        matches = _joined(smallest, parts)
+        series = matches.reshape(-1, len(around), matches[0, 0, 0].size)  # -> (parts, T, shifts)
+        found.append(CodedToggling(search.highest(series), layout.code))
     return found
