@@ -59,9 +59,6 @@ STEPS |= {
         "10": "--state-hz 10",
         "30": "--state-hz 30 --fps 60",
         "30_30": "--state-hz 30 --fps 30",
-        "16_10": "--state-hz 10 --grid 16",
-        "16_15": "--state-hz 15 --grid 16",
-        "16_30": "--state-hz 30 --fps 60 --grid 16",
     }.items()
 }
 FIVE = "--runs 2 --pairs canon-lg canon-samsung nikon-imac nikon-lg sony-samsung"

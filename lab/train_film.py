@@ -26,7 +26,7 @@ from export.receive.receiver import Receiver
 from export.runtime import OWN_TIME_LIMIT_S, Decoder
 from export.to_onnx import export_film
 from lab.films.rates import SETTINGS
-from lab.films.trial import Take, film_message, receiver_model
+from lab.films.trial import Take, film_message
 from lab.study import Workshop
 from link.cli import read_flags, run_cli
 from link.errors import at_least
@@ -170,8 +170,7 @@ def recordings(config: TrainFilmConfig) -> dict[str, Recording]:
         pair = pairs[number % len(pairs)]
         settings = SETTINGS[TRAINED[number % len(TRAINED)]]
         view = round(float(rng.uniform(0, MOST_VIEW)), 1)
-        model = receiver_model(settings.layout, config.out)
-        take = Take(settings, pair, view, number, config.seed, model, split="train")
+        take = Take(settings, pair, view, number, config.seed, split="train")
         chosen[f"{settings.name(config.seed)} {take.name}"] = Recording(
             take, config.seconds * max(1.0, 60 / settings.fps), folder
         )

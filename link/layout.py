@@ -39,7 +39,8 @@ not exceed for that; docs/hidden.md measures how many a fit needs."""
 PILOT_SHARE = 0.05
 """Share of the blocks that "auto" makes pilots on grids of more than 20 times `LEAST_PILOTS`."""
 CODED_PILOT_SHARE = 0.1
-"""The same where a display's frame pairs follow a code: more clocks are tried for it by chance."""
+"""Share of the blocks that "auto" makes pilots where a display's frame pairs follow a code: many
+clocks are tried for it, and each may fit by chance."""
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,6 @@ from lab.films.trial import (
     check_filmed,
     check_settings,
     film_message,
-    receiver_model,
 )
 from lab.study import Results, Study, StudyFlags, Workshop
 from link.errors import at_least
@@ -133,12 +132,12 @@ def deliveries(
     Returns:
         what became of each, ordered by pair, view and run.
     """
-    model = receiver_model(settings.layout, workshop.out)
     takes = [
-        Take(settings, pair, view, run, seed, model)
+        Take(settings, pair, view, run, seed)
         for run, view, pair in product(range(runs), views, pair_names(pairs))
     ]
-    found = workshop.each(deliver, {take.name: take for take in takes}, [model, FILM_GRAPH])
+    graphs = [shipped_graphs()[settings.layout], FILM_GRAPH]
+    found = workshop.each(deliver, {take.name: take for take in takes}, graphs)
     made = [Delivery.from_stored(run) for run in found.values()]
     return sorted(made, key=lambda run: (run.pair, run.view_deg, run.run))
 
@@ -197,7 +196,7 @@ def delivery_blocks(results: Mapping[str, Results[DeliveryContent]]) -> dict[str
 def delivery_table(results: Mapping[str, Results[DeliveryContent]]) -> Table:
     """Show one row for each setting of the preset paper before a plain camera."""
     heads = (
-        "grid", "states/s", "camera fps", "pairs", "runs", "delivered in 3 loops", "95 % interval",
+        "states/s", "camera fps", "pairs", "runs", "delivered in 3 loops", "95 % interval",
         "wrong messages", "bits wrong %", "seconds, median (95 %)", "loops", "bound, s",
         "goodput, bit/s",
     )  # fmt: skip
@@ -211,7 +210,6 @@ def delivery_table(results: Mapping[str, Results[DeliveryContent]]) -> Table:
             seconds = f"{row.seconds_median:.1f} ({row.seconds_95:.1f})"
         rows.append(
             [
-                f"{setup['grid'] or 8} × {setup['grid'] or 8}",
                 f"{setup['state_hz']:g}",
                 f"{setup['fps']:g}",
                 str(len(setup["pairs"])),
@@ -227,8 +225,8 @@ def delivery_table(results: Mapping[str, Results[DeliveryContent]]) -> Table:
             ]
         )
     title = (
-        "Simulated hand-held video at 1280 × 720, 0° and 45°, κ = 3, a 100-byte message; picture, "
-        "room, pose, clocks (±1 %) and start in the loop drawn anew in each run "
+        "Simulated hand-held video of `paper` at 1280 × 720, 0° and 45°, a 100-byte message; "
+        "picture, room, pose, clocks (±1 %) and start in the loop drawn anew in each run "
         "(`python -m lab delivery`):"
     )
     return Table(heads, rows, title)

@@ -18,7 +18,7 @@ from data_gen.pairs import PAIRS, pair_names
 from export.film_graph import FilmGraph
 from export.runtime import OWN_TIME_LIMIT_S, Decoder
 from lab.films.rates import SETTINGS
-from lab.films.trial import FilmReading, Take, check_filmed, film_message, receiver_model
+from lab.films.trial import FilmReading, Take, check_filmed, film_message
 from lab.study import Results, Study, StudyFlags, Workshop
 from link.errors import at_least, choose, each_once
 from models import FILM_GRAPH
@@ -130,8 +130,7 @@ def measure_films(flags: FilmFlags, workshop: Workshop) -> FilmContent:
         flags.settings, range(flags.runs), flags.views, pair_names(flags.pairs)
     ):
         settings = SETTINGS[name]
-        model = receiver_model(settings.layout, workshop.out)
-        take = Take(settings, pair, view, run, flags.seed, model)
+        take = Take(settings, pair, view, run, flags.seed)
         items[f"{name} {take.name}"] = Comparison(take, name, flags.states / settings.state_hz)
     inputs = sorted({item.take.model for item in items.values()})
     read = workshop.each(read_both, items, [*inputs, FILM_GRAPH])

@@ -232,14 +232,12 @@ class PageTake:
     def film(self) -> MessageFilm:
         """Draw the film; no frame is filmed yet."""
         settings = SETTINGS[self.setting]
-        frames = frames_needed(
-            settings.n_bytes, settings.layout.n_bits, "n_bytes", settings.redundancy
-        )
+        frames = frames_needed(settings.n_bytes, settings.layout.n_bits, "n_bytes")
         settings = replace(settings, loops=FILM_S * settings.state_hz / (2 * frames))
         views, pairs_filmed = len(VIEWS), list(PAIRS)
         view = VIEWS[self.number % views]
         pair = pairs_filmed[self.number // views % len(pairs_filmed)]
-        return film_message(Take(settings, pair, view, self.number, self.seed, Path()))
+        return film_message(Take(settings, pair, view, self.number, self.seed))
 
 
 def write_gray_film(filmed: MessageFilm, path: Path) -> None:

@@ -28,20 +28,16 @@ from data_gen.pictures.library import Picture
 from export.film_graph import FilmScorer
 from export.receive.receiver import Receiver, ReceiverStep
 from export.runtime import Decoder
-from export.to_onnx import to_onnx
 from link.code.framing import encode, frames_needed
 from link.embed import check_kappa, embed
 from link.errors import ParameterError, at_least, choose, each_once
-from link.images import fit_picture, write_bytes
-from link.layout import Layout, make_layout
+from link.images import fit_picture
+from link.layout import Layout
 from link.loop import Loop, LoopStates
 from link.presets import PRESETS
-from models import shipped_checkpoint, shipped_graphs
-from models.neural.checkpoint import load_checkpoint
+from models import shipped_graphs
 from reports.score.reliability import Bin, confidence_bins, merge_bins
 
-GRIDS = (8, 16)
-"""Numbers of blocks along each side that a message may be filmed with."""
 STILLS = {
     "beside": "beside the display, on another one, and wherever the room shows pictures",
     "within": "in the middle of the picture that carries the message",
@@ -61,14 +57,6 @@ class FilmSettings:
     preset: str = "paper"
     """Preset whose grid, modulation and pilots or patches the display shows; kappa and rates are
     those of the other flags."""
-    grid: int | None = None
-    """Number of blocks along each side, 8 or 16, instead of the preset's."""
-    even: bool | None = None
-    """Whether blocks change more where the picture hides more; None for as the preset says."""
-    display_size: tuple[int, int] | None = None
-    """Width and height of the display, pixels, which the picture fills; None for the layout's."""
-    redundancy: float | None = None
-    """Number of coded bits for each bit of the message, on fine grids, instead of the usual one."""
     state_hz: float = 15.0
     """Number of states that the display shows a second; two of them are a frame pair."""
     fps: float = 30.0
@@ -107,16 +95,12 @@ class FilmSettings:
     @property
     def layout(self) -> Layout:
         """Layout that the display shows."""
-        preset = choose(PRESETS, self.preset, "preset")
-        return preset.layout if self.grid is None else make_layout(self.grid, self.grid)
+        return choose(PRESETS, self.preset, "preset").layout
 
     def name(self, seed: int) -> str:
         """Name of the setting and of the seed of its draws, for files."""
         rates = f"{self.state_hz:g}hz_{self.fps:g}fps"
         grid = f"grid{self.layout.rows}" if self.preset == "paper" else self.preset
-        grid += "" if self.redundancy is None else f"_redundancy{self.redundancy:g}"
-        grid += "" if self.even is None else "_even" if self.even else "_alike"
-        grid += "_shown{}x{}".format(*self.display_size) if self.display_size else ""
         name = f"{grid}_{rates}_kappa{self.kappa}_{self.n_bytes}B_seed{seed}"
         return "_".join([name, self.camera] if self.camera else [name])
 
@@ -165,10 +149,13 @@ class Take:
     """Number of the run among those of the pair and view."""
     seed: int
     """Seed of all draws."""
-    model: Path
-    """Exported decoder of the receiver."""
     split: str = "test"
     """Split of the pictures from which the message's picture is drawn."""
+
+    @property
+    def model(self) -> Path:
+        """Exported decoder that ships for what the display shows."""
+        return shipped_graphs()[self.settings.layout]
 
     @property
     def name(self) -> str:
@@ -235,14 +222,13 @@ def film_message(take: Take) -> MessageFilm:
     setting = f"{config.kappa} {grid} {config.state_hz} {config.fps}"
     key = f"{take.pair} {take.view} {take.run} {setting}"
     rng = np.random.default_rng([take.seed, zlib.crc32(key.encode())])
-    size, without = config.display_size, config.without
-    source = Source(layout, take.split, take.seed, without=without, display_size=size)
+    source = Source(layout, take.split, take.seed, without=config.without)
     pictures = shuffled_pictures(source)
     picture = pictures[int(rng.integers(len(pictures)))]
     if config.still:
         picture, pictures = with_prints(config.still, picture, pictures, take.run)
     message = rng.bytes(config.n_bytes)
-    bits = encode(message, layout.n_bits, config.redundancy)
+    bits = encode(message, layout.n_bits)
     shown = [picture.rgb]
     if config.pan_px:
         moves = [round(number * config.pan_px) for number in range(len(bits))]
@@ -253,7 +239,7 @@ def film_message(take: Take) -> MessageFilm:
         bits,
         lambda: iter(shown),
         display_size=source.shown_size,
-        even=choose(PRESETS, config.preset, "preset").even if config.even is None else config.even,
+        even=PRESETS[config.preset].even,
     )
     coverage = float(rng.uniform(*config.coverage))
     outside = float(rng.uniform(0, config.outside)) if config.outside else 0.0
@@ -380,22 +366,6 @@ def nearest_frame(scores: NDArray[np.float64], bits: NDArray[np.integer]) -> NDA
     return np.asarray(bits[((scores > 0) != bits).sum(axis=1).argmin()])
 
 
-def receiver_model(layout: Layout, folder: Path) -> Path:
-    """Find the shipped graph for a layout.
-
-    Args:
-        layout: layout that the receiver looks for.
-        folder: takes a graph that is exported where none ships.
-    """
-    shipped = shipped_graphs().get(layout)
-    if shipped is not None:
-        return shipped
-    path = folder / f"{layout.rows}x{layout.cols}.onnx"
-    checkpoint = shipped_checkpoint(layout)
-    write_bytes(path, to_onnx(load_checkpoint(checkpoint, layout=layout), checkpoint.name))
-    return path
-
-
 def check_settings(settings: FilmSettings) -> None:
     """Raise an `InputError` that names the first setting with a wrong value, before any work."""
     at_least(1, n_bytes=settings.n_bytes)
@@ -403,8 +373,6 @@ def check_settings(settings: FilmSettings) -> None:
     choose(PRESETS, settings.preset, "preset")
     if settings.still is not None:
         choose(STILLS, settings.still, "still")
-    if settings.grid is not None and (settings.preset != "paper" or settings.grid not in GRIDS):
-        raise ParameterError("grid", f"need 8 or 16, and the preset paper, got {settings.grid}")
     frames_needed(settings.n_bytes, settings.layout.n_bits, "n_bytes")
     if not 0 < settings.loops <= MAX_LOOPS:
         raise ParameterError(

@@ -242,7 +242,6 @@ def test_names_and_texts_that_cannot_be(
     ("delivery --fps 0", "--fps: need"),
     ("delivery --state-hz 1e5", "--state-hz: need"),
     ("delivery --loops 0", "--loops: need more than 0"),
-    ("delivery --grid 9", "--grid: need 8 or 16"),
     ("delivery --pairs x", "unknown name in --pairs 'x'"),
     ("delivery --codec.name vp9", "--codec.name: need none, h264"),
     ("delivery --codec.kbits 1", "--codec.kbits: need 50 to 500000"),

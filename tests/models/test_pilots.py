@@ -1,6 +1,5 @@
 """The decoder on pilots, and the refinement that starts from them."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -200,9 +199,9 @@ def test_learned_reads_pilots_with_the_shipped_checkpoint(modulation: str, colou
 
 @pytest.mark.slow
 def test_the_exported_graph_decides_as_torch_does(tmp_path: Path) -> None:
-    """With one round of refinement, since each takes long to export; shipped graphs have all."""
+    """Without refinement, which takes long to export; shipped graphs have it."""
     layout = layout_of((24, 32), "antipodal", "chroma")
-    decoder = PhiDecoder(layout, replace(FULL, refine=1))
+    decoder = PhiDecoder(layout, DecoderConfig())
     (tmp_path / "decoder.onnx").write_bytes(to_onnx(decoder, "run"))
     parity = compare_with_torch(decoder, Decoder(tmp_path / "decoder.onnx"), frames=6, seed=3)
     assert parity.different_bits == 0

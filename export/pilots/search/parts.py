@@ -226,5 +226,5 @@ def shifted_togglings(
     for parts in PARTS[1:]:
         matches = _joined(smallest, parts)
         series = matches.reshape(-1, len(around), matches[0, 0, 0].size)  # -> (parts, T, shifts)
-        found.append(CodedToggling(search.highest(series), layout.code))
+        found.append(CodedToggling(search.highest(list(series)), layout.code))
     return found

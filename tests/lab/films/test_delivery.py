@@ -119,7 +119,7 @@ def test_patches_that_stand_still_are_where_they_are_asked_for() -> None:
 @pytest.mark.parametrize("label", STORED)
 def test_the_stored_summary_is_that_of_the_stored_runs(label: str) -> None:
     flags, content = STORED[label].meta["flags"], STORED[label].content
-    given = ("preset", "grid", "kappa", "state_hz", "fps", "n_bytes", "still")
+    given = ("preset", "kappa", "state_hz", "fps", "n_bytes", "still")
     settings = FilmSettings(**{key: flags.get(key) for key in given})
     assert settings.name(flags["seed"]) == label
     found = delivery.summarise_deliveries(content.runs, settings)
@@ -154,7 +154,7 @@ def test_a_run_goes_on_with_the_takes_that_are_missing(
     command(lab.main, *flags, "--runs", 1, "--loops", 2)
     assert len(taken) == 3  # another setting reads nothing of what was stored
     table = delivery.delivery_table(stored_results(delivery.STUDY, tmp_path))
-    assert table.rows[0][4] == "1"
+    assert table.rows[0][3] == "1"
     for change in CAMERAS:
         command(lab.main, *flags, "--runs", 1, *change)
     assert len(taken) == 3 + len(CAMERAS)

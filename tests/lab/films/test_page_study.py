@@ -113,7 +113,7 @@ def test_both_ways_read_the_same_films_of_one_length(monkeypatch) -> None:
     takes = [PageTake(way, "hidden", 3, 0, Path(), None).film() for way in page.WAYS]
     assert takes[0] == takes[1]
     config = takes[0].settings
-    pairs = len(encode(bytes(100), config.layout.n_bits, config.redundancy))
+    pairs = len(encode(bytes(100), config.layout.n_bits))
     assert config.loops * 2 * pairs / 15 == pytest.approx(page.FILM_S)
 
 
