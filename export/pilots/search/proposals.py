@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from export.locate.candidates import display_candidates
 from export.pilots.motion import moved_corners
 from export.pilots.search.film import HeldFrame, positions
-from export.pilots.search.parts import coarse_shift, shifted_togglings
+from export.pilots.search.parts import COARSE_SIZE, coarse_shift, shifted_togglings
 from export.pilots.search.watch import Watch
 from export.pilots.signal import expected_changes, pilot_values, standing_out
 from export.pilots.toggling import TogglePattern, Wave, find_toggling
@@ -87,7 +87,7 @@ class Proposer:
         self._watch, self._layouts, self._fps = watch, layouts, fps
         self._largest = max(layouts, key=lambda layout: layout.width * layout.height)
         finest = max(layouts, key=lambda layout: layout.rows * layout.cols)
-        self._size = 2 * finest.cols, 2 * finest.rows
+        self._finest = finest.cols, finest.rows
         periods = (np.array(STATES_HZ) / 2 / fps) % 1
         self._frequencies = sorted({float(f) for f in np.minimum(periods, 1 - periods) if f > 0})
         self._edges = [
@@ -101,8 +101,9 @@ class Proposer:
         """Take what the edges bound in the next frame."""
         for corners, values in zip(self._edges, self._values, strict=True):
             view = frame.view(corners, self._largest)
-            small = np.zeros(self._size[::-1], np.uint8) if view is None else view
-            small = cv2.resize(small, self._size, interpolation=cv2.INTER_AREA)
+            small = np.zeros((2, 2), np.uint8) if view is None else view
+            size = 2 * self._finest[0], 2 * self._finest[1]
+            small = cv2.resize(small, size, interpolation=cv2.INTER_AREA)
             values.append(small.astype(np.float32))
 
     def promising(self) -> Proposal | None:
@@ -161,7 +162,7 @@ class Proposer:
             the evidence, before it pays, and what it speaks for.
         """
         ways = [
-            self._surest(corners, list(self._watch.small_views(corners)))
+            self._surest(corners, list(self._watch.small_views(corners, self._finest)))
             for corners in (quad, np.roll(quad, -1, axis=0))
         ]
         return max(ways, key=lambda way: way[0])
@@ -169,7 +170,8 @@ class Proposer:
     def glance_at(self, proposal: Proposal) -> float:
         """Weigh a proposal by small views: the evidence, before it pays."""
         layout = proposal.layout
-        values = [pilot_values(view, layout) for view in self._watch.small_views(proposal.corners)]
+        views = self._watch.small_views(proposal.corners, self._finest)
+        values = [pilot_values(view, layout) for view in views]
         return find_toggling(values, layout, positions(self._watch.frames), self._fps)[0]
 
     def ranked(self, quads: list[Array], evidence: list[float], usual: int) -> list[int]:
@@ -213,7 +215,8 @@ class Proposer:
         Returns:
             what fits best after a shift, or None where nothing does.
         """
-        views, at = self._watch.small_views(quad).astype(np.float32), positions(self._watch.frames)
+        views = self._watch.small_views(quad, COARSE_SIZE).astype(np.float32)
+        at = positions(self._watch.frames)
         ways: Sequence[tuple[TogglePattern, NDArray[np.complex64]]]
         plain = [(wave, wave.amplitudes(views, at)) for wave in map(Wave, self._frequencies)]
         best: tuple[int, Proposal] | None = None

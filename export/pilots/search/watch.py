@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.pilots.search.film import HeldFrame
-from export.pilots.search.parts import COARSE_SIZE
 from export.pilots.search.toggle_map import ToggleMap
 from export.pilots.stabilise import Stabiliser
 from export.pilots.waves import position
@@ -87,9 +86,9 @@ class Watch:
         self.frames.append(frame)
         self.map.add(self._stabiliser.still(frame.gray, frame.H_image_from_reference), frame.at)
 
-    def small_views(self, corners: Corners) -> NDArray[np.uint8]:
-        """Show what corners in the reference bound, in maps of `COARSE_SIZE`, (frames, h, w)."""
-        return self.map.views(self.on_copy(corners), *COARSE_SIZE)
+    def small_views(self, corners: Corners, size: tuple[int, int]) -> NDArray[np.uint8]:
+        """Show what corners in the reference bound, in maps of a width and height: (T, h, w)."""
+        return self.map.views(self.on_copy(corners), *size)
 
     def worth(self, quad: Array) -> float:
         """Tell how well a quadrilateral of the reference bounds what toggles (`ToggleMap`)."""
