@@ -78,7 +78,7 @@ def send_preset(name: str, preset: Preset) -> dict[str, Any]:
         "purpose": preset.purpose,
         "needs_fps": preset.needs_camera_fps,
         "better_fps": needed_camera_fps(2 * state_hz),
-        "seen": round(hiding.seen(kappa), 1),
+        "seen": round(hiding.seen(kappa), 3),
         "distance_m": preset.distance_m,
         "n_bits": layout.n_bits,
         "longest_bytes": longest_message(layout.n_bits),

@@ -100,9 +100,10 @@ function sayCost() {
   const pairs = framesNeeded(Math.min(Math.max(size, 1), longest_bytes), n_bits);
   const [file] = byId("file").files;
   const message = file ? `The file “${file.name}”, sent in place of the text,` : "The message";
+  const flicker = seen < 1 ? "stays below" : `is ${numberOf(seen)} times`;
   const better = better_fps > needs_fps ? `, better ${better_fps}` : "";
   byId("cost").textContent =
-    `${purpose} Its flicker is ${seen} times what is just seen from ${distance_m} m. ` +
+    `${purpose} Its flicker ${flicker} what is just seen from ${distance_m} m. ` +
     `It needs a camera of ${needs_fps} frames a second${better}. ` +
     `${message} has ${numberOf(size)} of at most ${numberOf(longest_bytes)} bytes, and comes ` +
     `round every ${numberOf((2 * pairs) / loop.state_hz)} s.`;
