@@ -99,10 +99,10 @@ class Proposer:
 
     def add(self, frame: HeldFrame) -> None:
         """Take what the edges bound in the next frame."""
+        size = 2 * self._finest[0], 2 * self._finest[1]
         for corners, values in zip(self._edges, self._values, strict=True):
             view = frame.view(corners, self._largest)
             small = np.zeros((2, 2), np.uint8) if view is None else view
-            size = 2 * self._finest[0], 2 * self._finest[1]
             small = cv2.resize(small, size, interpolation=cv2.INTER_AREA)
             values.append(small.astype(np.float32))
 
