@@ -178,9 +178,11 @@ def measure_rates(flags: RatesFlags, workshop: Workshop) -> RatesContent:
 
 
 def label_of_rates(flags: RatesFlags) -> str:
-    """Name results after their settings and views."""
-    words = [*flags.settings, *(f"{view:g}" for view in flags.views), *map(str, [flags.n_bytes])]
-    return "_".join(words).replace(",", "").replace(" ", "_").removesuffix("_None")
+    """Name results after their settings, views, messages and seed."""
+    words = [*flags.settings, *(f"{view:g}" for view in flags.views)]
+    words += [] if flags.n_bytes is None else [f"{flags.n_bytes}B"]
+    words += [f"seed{flags.seed}"] if flags.seed else []
+    return "_".join(words).replace(",", "").replace(" ", "_")
 
 
 STUDY = Study(

@@ -1,5 +1,7 @@
 """The table of how fast presets deliver."""
 
+from dataclasses import replace
+
 import pytest
 
 from lab.films.rates import (
@@ -58,6 +60,7 @@ def test_rates_are_those_of_the_runs() -> None:
 def test_results_are_named_after_what_was_filmed() -> None:
     flags = RatesFlags(settings=("hidden, 240 fps",), views=(0.0, 45.0))
     assert label_of_rates(flags) == "hidden_240_fps_0_45"
+    assert label_of_rates(replace(flags, n_bytes=9, seed=3)) == "hidden_240_fps_0_45_9B_seed3"
 
 
 def test_an_unknown_setting_lists_the_others() -> None:
