@@ -32,6 +32,8 @@ NO_SLOPE = len(DELAYS_S) // 2
 """Number of the slope at which the whole display is exposed at once."""
 SIDES = 4
 """Number of parts along each side of the display that are each taken to be exposed at once."""
+COMPARED = 64
+"""Largest number of a part's series that are compared with all clocks."""
 RIVAL = 2
 """Distance of clocks in the newest frame, in states, from which they are rivals."""
 OPEN = 0.5
@@ -151,6 +153,9 @@ class CodeSearch:
     def highest(self, matches: Sequence[NDArray[np.floating]]) -> DisplayClock:
         """Find the clock that the parts of a display follow most clearly, each by its best series.
 
+        No series follows a clock more clearly than its own length, less drifts, allows. So the
+        longest alone are compared.
+
         Args:
             matches: an array (T, S) for each part, of S series of alike noise.
 
@@ -161,7 +166,9 @@ class CodeSearch:
         total = np.zeros(len(self.waves))
         for series in matches:
             seen = np.asarray(series, np.float32)
-            heights = np.maximum((self.waves @ (seen / seen.std())).max(axis=1), 0)
+            lengths = np.linalg.norm(seen - self._drifts @ (self._drifts.T @ seen), axis=0)
+            longest = seen[:, np.argsort(-lengths)[:COMPARED]] / seen.std()
+            heights = np.maximum((self.waves @ longest).max(axis=1), 0)
             total += heights**2 / powers
         return self._clock(divmod(int(total.argmax()), self._steps), NO_SLOPE)
 

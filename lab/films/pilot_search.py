@@ -82,8 +82,6 @@ class PilotSearchFlags(StudyFlags):
     """Share of the frames that are dropped at random, from 0 to below 1."""
     pairs: tuple[str, ...] = GROUPS["paper"]
     """Camera-display pairs, which film in turn."""
-    backlit: bool = False
-    """Whether all displays stand before a bright window."""
 
 
 @dataclass(frozen=True)
@@ -102,8 +100,6 @@ class SearchTake:
     """Share of the frames that are dropped at random."""
     pair: str
     """Camera-display pair."""
-    backlit: bool
-    """Whether the display stands before a bright window."""
     seed: int
     """Seed of all draws."""
 
@@ -201,7 +197,7 @@ def search_film(take: SearchTake) -> SearchOutcome:
     shown = [picture.rgb for picture in (*pictures[first:], *pictures[:first])]
     states, layout = displayed_states(seen, shown, preset, rng)
     settings = VideoSettings(
-        scene=SceneSettings(coverage=coverage, backlit=take.backlit, pictures=pictures, free=0.03),
+        scene=SceneSettings(coverage=coverage, pictures=pictures, free=0.03),
         fps=fps,
         state_hz=PRESETS[preset].state_hz,
         seconds=take.seconds,
@@ -342,7 +338,6 @@ def measure_search(flags: PilotSearchFlags, workshop: Workshop) -> SearchContent
             seconds=flags.seconds,
             drop=flags.drop,
             pair=pairs[number % len(pairs)],
-            backlit=flags.backlit,
             seed=flags.seed,
         )
         for number in range(flags.films)

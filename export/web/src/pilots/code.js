@@ -12,11 +12,9 @@ import { DisplayClock, embeddedShare } from "./clock.js";
 import { alongWave, lengthOf, takeOut } from "./waves.js";
 
 const { STATE_HZ, CLOCK_ERROR, PHASES, SLOPES, NO_SLOPE, SIDES } = pilotsCode;
-const { RIVAL, OPEN, SURER, DRIFT } = pilotsCode;
+const { COMPARED, RIVAL, OPEN, SURER, DRIFT } = pilotsCode;
 export const { MOST_STATE_HZ } = pilotsCode;
 
-/** Largest number of a part's series that are compared with all clocks. */
-const COMPARED = 64;
 /** Axis along which each of `SLOPES` goes: 0 from left to right, 1 from top to bottom. */
 const AXES = SLOPES.map(([across]) => Number(across === 0));
 
