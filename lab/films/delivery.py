@@ -136,7 +136,7 @@ def deliveries(
         Take(settings, pair, view, run, seed)
         for run, view, pair in product(range(runs), views, pair_names(pairs))
     ]
-    graphs = [shipped_graphs()[settings.layout], FILM_GRAPH]
+    graphs = [takes[0].model, FILM_GRAPH]
     found = workshop.each(deliver, {take.name: take for take in takes}, graphs)
     made = [Delivery.from_stored(run) for run in found.values()]
     return sorted(made, key=lambda run: (run.pair, run.view_deg, run.run))
