@@ -110,8 +110,8 @@ def states_per_second(
 ) -> float:
     """Work out how many states are shown in a second: --state-hz, --refresh / --hold, or usual.
 
-    A player (".html") holds states for whole refreshes, so that it takes the nearest rate to the
-    usual one that the display has.
+    A player (".html") holds states for whole refreshes, so that it takes the least rate that the
+    display has and that is not slower than the usual one, which would be seen more.
 
     Args:
         usual: states a second where no flag says more, as in a preset.
@@ -132,7 +132,7 @@ def states_per_second(
         raise InputError(f"--refresh, --state-hz: need up to 1000 states a second, got {wanted:g}")
     if kind != ".html":
         return wanted
-    held = max(1, round(refresh / wanted)) if hold is None else hold
+    held = max(1, math.floor(refresh / wanted + 0.02)) if hold is None else hold
     if state_hz is None:
         return refresh / held
     if not math.isclose(wanted, refresh / held, rel_tol=1e-3):

@@ -54,9 +54,10 @@ from reports.score.intervals import wilson
 SETTINGS = {
     "paper": FilmSettings(n_bytes=100),
     "robust": FilmSettings(preset="robust", n_bytes=100),
-    "hidden": FilmSettings(preset="hidden", kappa=1, n_bytes=100),
+    "hidden": FilmSettings(preset="hidden", kappa=1, state_hz=60, n_bytes=100),
 }
-"""Settings of display, camera and message, by name of the preset; all show 15 states a second."""
+"""Settings of display, camera and message, by name of the preset, whose states a second they
+show."""
 WAYS = {"node": "page", "chromium": "camera"}
 """Ways in which the page reads films, by the name that ``--by`` takes, and the blocks of
 docs/phone.md that show them."""
@@ -71,8 +72,8 @@ CAMERA_S = 90.0
 FILMED_BY = ("data_gen.film.stream", "data_gen.frame_pair")
 """Modules that decide, with all that they import, what a film shows."""
 FILMED = (
-    "Simulated hand-held films at 1280 × 720, 30 frames/s, of 15 states/s, with messages of 100 "
-    f"bytes, at 0° and 45°, each {FILM_S:g} s long."
+    "Simulated hand-held films at 1280 × 720, 30 frames/s, of the presets at their own rates, with "
+    f"messages of 100 bytes, at 0° and 45°, each {FILM_S:g} s long."
 )
 """Words above a table of films."""
 STATISTICS = "Medians; shares have 95 % intervals, ratios the least and the largest of the films."

@@ -393,8 +393,9 @@ def test_a_late_refresh_is_told_and_the_states_keep_time(
     slow(240, 15, 16, ""),
     slow(30, 60, 1, "30.0 states a second, not 60 as asked"),
     slow(144, 60, 2, "72.0 states a second, not 60 as asked"),
+    slow(90, 60, 1, "90.0 states a second, not 60 as asked"),
 )
-def test_the_rate_is_the_nearest_that_the_display_has(
+def test_the_rate_is_the_least_that_is_not_slower_and_that_the_display_has(
     hz: float, asked: float, hold: int, word: str, open_window: OpenWindow, player: Path
 ) -> None:
     page = open_window(120, 80)
