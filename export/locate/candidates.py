@@ -21,6 +21,7 @@ from export.locate.quads import (
     nested,
     upright,
 )
+from export.locate.refine import OUTSIDE
 from link.code.steps import Steps, run_to_end
 from link.images import as_gray, as_rgb
 from link.types import Corners, Image
@@ -121,6 +122,21 @@ def gathering_steps(
     features = side_features(small, quads) if len(quads) else np.empty((0, len(FEATURES)))
     yield SIDES_WORK
     return quads, features, scale
+
+
+def leaving_quads(image: Image, limit: int) -> list[Corners]:
+    """List quadrilaterals of straight lines that may bound a display which is partly in view.
+
+    Args:
+        image: an `Image`.
+        limit: largest number returned.
+
+    Returns:
+        corners, of which at least one lies outside the image, by at most `OUTSIDE` of its longer
+        side; those whose sides the lines cover best come first.
+    """
+    small, scale = small_copy(image)
+    return list(on_full_image(from_lines(as_gray(small), limit, OUTSIDE), scale))
 
 
 def small_copy(image: Image) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:

@@ -14,13 +14,13 @@ from export.locate.candidates import (
     WORK_PX,
     Located,
     candidate_steps,
+    leaving_quads,
     on_full_image,
     small_copy,
 )
 from export.locate.patches import Pyramid, image_pyramid, search_patches
-from export.locate.quads import from_lines, is_sound, upright
+from export.locate.quads import is_sound, upright
 from export.locate.refine import (
-    OUTSIDE,
     clipped_to_image,
     corners_on_edges,
     corners_on_patches,
@@ -142,11 +142,9 @@ def search_steps(
             image, pyramid, layout, corners[LIKELY:], ALL_TURNS, avoid
         )
     if found is None and partly:
-        small, scale = small_copy(image)
-        gray = as_gray(small)
-        leaving = on_full_image(from_lines(gray, LEAVING_QUADS, OUTSIDE), scale)
+        leaving = leaving_quads(image, LEAVING_QUADS)
         yield LINES_WORK
-        found = yield from _best_on_patches(image, pyramid, layout, list(leaving), ALL_TURNS, avoid)
+        found = yield from _best_on_patches(image, pyramid, layout, leaving, ALL_TURNS, avoid)
     return found
 
 

@@ -5,7 +5,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from pilot_films import FINE, OTHER, filmed, panned_to
+from pilot_films import FINE, OTHER, filmed, leaving, panned_to
 from port import Port, PortError
 from tolerances import LENS_FOUND_K, PILOTS_FOUND_PX
 
@@ -21,6 +21,7 @@ FILMS = [
     "upside down",
     "parallax",
     "turned to",
+    "leaving",
     "no edges",
     "still",
     "other layout",
@@ -50,6 +51,8 @@ def film(name: str) -> tuple[list[Image], Array | None, list[Layout]]:
     elif name == "turned to":
         images, corners = filmed(FINE, 80, seed=0)
         images = panned_to(images, 45)
+    elif name == "leaving":
+        images, corners = leaving(*filmed(FINE, 30, seed=3))
     elif name == "no edges":
         images, corners = filmed(FINE, 54, seed=7, dark=True)
     elif name == "still":

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from export.locate.candidates import display_candidates
+from export.locate.candidates import display_candidates, leaving_quads
 from export.pilots.motion import moved_corners
 from export.pilots.search.film import HeldFrame, positions
 from export.pilots.search.parts import COARSE_SIZE, coarse_shift, shifted_togglings
@@ -24,6 +24,8 @@ from link.types import Array, Corners
 CANDIDATES, FAINT_CANDIDATES = 6, 50
 """Number of quadrilaterals made of edges that are watched at once, and of those made of faint edges
 among which what toggles chooses."""
+LEAVING = 2
+"""Number of quadrilaterals of edges with a corner outside the image that are watched, too."""
 STRONGEST = 2
 """Number of quadrilaterals, those of the strongest edges, that the pilots are fitted to first."""
 FRAME_SHARE = 0.02
@@ -90,26 +92,28 @@ class Proposer:
         self._finest = finest.cols, finest.rows
         periods = (np.array(STATES_HZ) / 2 / fps) % 1
         self._frequencies = sorted({float(f) for f in np.minimum(periods, 1 - periods) if f > 0})
-        self._edges = [
-            np.roll(candidate.corners, -turn, axis=0)
-            for candidate in display_candidates(watch.reference, CANDIDATES)
+        within = display_candidates(watch.reference, CANDIDATES)
+        leaving = leaving_quads(watch.reference, LEAVING)
+        self._edges = [*(candidate.corners for candidate in within), *leaving]
+        self._watched = [
+            (np.roll(corners, -turn, axis=0), list[NDArray[np.float32]]())
+            for corners in self._edges
             for turn in (0, 1)
         ]
-        self._values: list[list[NDArray[np.float32]]] = [[] for _ in self._edges]
 
     def add(self, frame: HeldFrame) -> None:
         """Take what the edges bound in the next frame."""
         size = 2 * self._finest[0], 2 * self._finest[1]
-        for corners, values in zip(self._edges, self._values, strict=True):
+        for number, corners in enumerate(self._edges):
             view = frame.view(corners, self._largest)
-            small = np.zeros((2, 2), np.uint8) if view is None else view
-            small = cv2.resize(small, size, interpolation=cv2.INTER_AREA)
-            values.append(small.astype(np.float32))
+            shown = np.zeros((2, 2), np.uint8) if view is None else view
+            for turn in (0, 1):
+                small = cv2.resize(np.rot90(shown, turn), size, interpolation=cv2.INTER_AREA)
+                self._watched[2 * number + turn][1].append(small.astype(np.float32))
 
     def promising(self) -> Proposal | None:
         """Choose the quadrilateral of edges that toggles most surely, where it is promising."""
-        watched = zip(self._edges, self._values, strict=True)
-        surest = [self._surest(corners, values) for corners, values in watched]
+        surest = [self._surest(corners, views) for corners, views in self._watched]
         evidence, proposal = max(surest, key=lambda found: found[0], default=(0.0, None))
         return proposal if evidence > PROMISING else None
 
@@ -150,7 +154,7 @@ class Proposer:
             yield None
             if outline is not None:
                 outlines.append(self._watch.on_image(outline))
-        edges = _by_turns(faint[:CANDIDATES], self._edges[::2])
+        edges = _by_turns(faint[:CANDIDATES], self._edges)
         usual = [*edges, *outlines]
         framed = [inset(quad, FRAME_SHARE) for quad in edges]
         return [*usual, *framed, *faint[CANDIDATES:]], len(usual)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from pilot_films import FINE, filmed
+from pilot_films import FINE, filmed, leaving
 
 from export.pilots.clock import DisplayClock, embedded_share
 from export.pilots.code import SLOPES, CodeSearch
@@ -71,8 +71,17 @@ def test_evidence_is_what_a_regression_of_the_signs_says() -> None:
     assert lock.evidence == pytest.approx(-chance - np.log(tried), rel=1e-3)
 
 
-def found_in(layout: Layout, layouts: list[Layout], fps: float, hold: float, frames: int):
+def found_in(
+    layout: Layout,
+    layouts: list[Layout],
+    fps: float,
+    hold: float,
+    frames: int,
+    leaves: bool = False,
+):
+    """Find a display in a film, perhaps one that leaves a turned image with a corner."""
     images, corners = filmed(layout, frames, seed=4, hold=hold)
+    images, corners = leaving(images, corners) if leaves else (images, corners)
     finder = PilotSearch(layouts, fps)
     for number, image in enumerate(images):
         display = finder.push(np.repeat(image[:, :, None], 3, axis=2), number / fps)
@@ -94,6 +103,13 @@ def test_a_display_is_found_by_its_code(fps: float, hold: float) -> None:
     assert 1 / clock.period == pytest.approx(fps / hold, rel=0.05)
     shown = clock.number(number / fps + clock.centre) - number / hold
     assert abs((shown + CODE.period) % (2 * CODE.period) - CODE.period) < 1.5
+
+
+def test_a_display_with_a_corner_out_of_view_is_found_as_soon_as_others() -> None:
+    """By the edges that are in view; its top left corner lies some 40 pixels outside the image."""
+    whole, partly = (found_in(CODED, [CODED], 60.0, 1, 40, leaves) for leaves in (False, True))
+    assert partly[1].corners.min() < -35
+    assert partly[0] <= whole[0] + 1
 
 
 @pytest.mark.slow

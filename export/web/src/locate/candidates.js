@@ -19,6 +19,7 @@ import {
   outlineSteps,
   upright,
 } from "./quads.js";
+import { OUTSIDE } from "./refine.js";
 
 const { WORK_PX, SNAP_PX, LINE_QUADS, CANDIDATES, NEAR, WEIGHTS, BIAS } = locateCandidates;
 
@@ -110,6 +111,20 @@ function* gatheringSteps(small) {
     if (!different.has(key)) different.set(key, turned);
   }
   return [...different.values()];
+}
+
+/**
+ * List quadrilaterals of straight lines that may bound a display which is partly in view.
+ *
+ * @param {BytePlane} image
+ * @param {number} limit - largest number returned
+ * @returns {Steps<Quad[]>} of which at least one corner lies outside the image, by at most `OUTSIDE`
+ *   of its longer side; those whose sides the lines cover best come first
+ */
+export function* leavingSteps(image, limit) {
+  const { copy, scale } = smallCopy(image);
+  const leaving = yield* lineSteps(copy, limit, OUTSIDE);
+  return leaving.map((quad) => onFullImage(quad, scale));
 }
 
 /**

@@ -7,10 +7,10 @@
  */
 
 import { locateFind } from "../generated/constants.js";
-import { candidateSteps, onFullImage, smallCopy } from "./candidates.js";
+import { candidateSteps, leavingSteps, onFullImage, smallCopy } from "./candidates.js";
 import { imagePyramid, searchPatches } from "./patches.js";
-import { isSound, lineSteps, rolled } from "./quads.js";
-import { OUTSIDE, cornersOnPatchesSteps, neededCorrelation } from "./refine.js";
+import { isSound, rolled } from "./quads.js";
+import { cornersOnPatchesSteps, neededCorrelation } from "./refine.js";
 import { MAX_OUTSIDE, cornerCells, partialSteps, spotSteps, wholeSteps } from "./spots.js";
 
 /** @typedef {import("./candidates.js").Located} Located */
@@ -54,8 +54,8 @@ export function* searchSteps(image, layout, avoid = []) {
   }
   found = yield* seek.best(corners.slice(LIKELY), ALL_TURNS);
   if (found) return found;
-  const leaving = yield* lineSteps(copy, LEAVING_QUADS, OUTSIDE);
-  return yield* seek.best(leaving.map((quad) => onFullImage(quad, scale)), ALL_TURNS);
+  const leaving = yield* leavingSteps(image, LEAVING_QUADS);
+  return yield* seek.best(leaving, ALL_TURNS);
 }
 
 /**

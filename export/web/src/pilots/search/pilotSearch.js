@@ -17,10 +17,10 @@
  */
 
 import { pilotsSearchPilotSearch } from "../../generated/constants.js";
-import { candidateSteps } from "../../locate/candidates.js";
+import { candidateSteps, leavingSteps } from "../../locate/candidates.js";
 import { rolled } from "../../locate/quads.js";
 import {
-  CANDIDATES, GLANCE_WORK, NEXT_FRAME, PROMISING, Proposer, weighSteps,
+  CANDIDATES, GLANCE_WORK, LEAVING, NEXT_FRAME, PROMISING, Proposer, weighSteps,
 } from "./proposals.js";
 import { HINT, settleSteps } from "./settle.js";
 import { Watch } from "./watch.js";
@@ -174,9 +174,10 @@ export class PilotSearch {
    * @param {Watch} watch
    */
   *#search(watch) {
-    const edges = yield* candidateSteps(watch.reference, CANDIDATES);
-    const corners = edges.map((edge) => edge.corners);
-    const proposer = new Proposer(watch, corners, this.layouts);
+    const within = yield* candidateSteps(watch.reference, CANDIDATES);
+    const leaving = yield* leavingSteps(watch.reference, LEAVING);
+    const edges = [...within.map((edge) => edge.corners), ...leaving];
+    const proposer = new Proposer(watch, edges, this.layouts);
     yield BEGIN_WORK;
     this.#proposer = proposer;
     proposer.add();

@@ -15,7 +15,7 @@ import { COARSE_SIZE, coarseShift, shiftedTogglings } from "./parts.js";
 /** @typedef {import("./watch.js").Watch} Watch */
 
 export const {
-  CANDIDATES, FAINT_CANDIDATES, STRONGEST, FRAME_SHARE, STATES_HZ, PROMISING,
+  CANDIDATES, FAINT_CANDIDATES, LEAVING, STRONGEST, FRAME_SHARE, STATES_HZ, PROMISING,
 } = pilotsSearchProposals;
 
 /** More units of work than a frame has room for: the next step needs the next frame. */
@@ -263,7 +263,9 @@ export class Proposer {
       yield OUTLINE_WORK;
       if (outline !== null) outlines.push(this.#watch.onImage(outline));
     }
-    const edges = Array.from({ length: CANDIDATES }, (_, i) => [faint[i], this.#edges[i]?.corners])
+    const first = faint.slice(0, CANDIDATES);
+    const most = Math.max(first.length, this.#edges.length);
+    const edges = Array.from({ length: most }, (_, i) => [first[i], this.#edges[i]?.corners])
       .flat()
       .filter((quad) => quad !== undefined);
     const usual = [...edges, ...outlines];
