@@ -35,7 +35,7 @@ from typing import Any
 import numpy as np
 
 from data_gen.pairs import PAIRS
-from export.receive.decoders import ShippedDecoder
+from export.receive.decoders import open_decoders
 from export.receive.receiver import Receiver
 from export.web.site import build_site, run_node
 from lab.films.browser import camera_flags, open_chromium, serve_folder, text_of
@@ -45,7 +45,6 @@ from lab.study import Results, Study, StudyFlags, Workshop
 from link.code.framing import frames_needed
 from link.errors import at_least, choose, each_once
 from link.images import as_gray, make_folder, temporary_name
-from models import shipped_graphs
 from reports.engine.backends import Backend, one_thread
 from reports.engine.digest import code_digest, package_versions, short_digest
 from reports.render.tables import Table, share_interval
@@ -275,9 +274,9 @@ def film_file(take: PageTake, filmed: MessageFilm) -> Iterator[Path]:
 
 def read_in_python(filmed: MessageFilm, path: Path) -> Read:
     """Read a film's file by Python's receiver."""
-    decoders = [ShippedDecoder(graph, layout, 1) for layout, graph in shipped_graphs().items()]
+    decoders, film = open_decoders(None, 1)
     fps = filmed.take.settings.fps
-    receiver = Receiver(decoders, fps)
+    receiver = Receiver(decoders, fps, film=film)
     message: bytes | None = None
     seconds, time = 0.0, 0.0
     for number, gray in enumerate(read_y4m(path)):

@@ -29,9 +29,12 @@ import { Watch } from "./watch.js";
 /** @typedef {import("./proposals.js").Proposal} Proposal */
 /** @typedef {import("./settle.js").Settled} Settled */
 
-const { PATIENCE_S, MOST_DOUBLED, SHIFTED } = pilotsSearchPilotSearch;
+const { PATIENCE_S, MOST_DOUBLED, SHIFTED, STEPS_HZ } = pilotsSearchPilotSearch;
 
-/** Units of work (`steps.js`) from which on a frame has had its share. */
+/**
+ * Units of work (`steps.js`) from which on a frame has had its share, where a camera takes `STEPS_HZ`
+ * frames a second or more; those of a slower one have time for more.
+ */
 export const FRAME_WORK = 36;
 /**
  * Time, in milliseconds, after which a frame of a camera that does not wait has had its share, too:
@@ -128,8 +131,9 @@ export class PilotSearch {
     }
     if (watch.frames.length < watch.window) this.#proposer?.add();
     this.#work ??= this.#search(watch);
+    const most = FRAME_WORK * Math.max(1, Math.round(STEPS_HZ / this.fps));
     let work = 0;
-    while (work < FRAME_WORK) {
+    while (work < most) {
       const step = this.#work.next();
       if (!step.done) {
         work += step.value;
