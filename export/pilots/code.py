@@ -167,7 +167,7 @@ class CodeSearch:
         for series in matches:
             seen = np.asarray(series, np.float32)
             lengths = np.linalg.norm(seen - self._drifts @ (self._drifts.T @ seen), axis=0)
-            longest = seen[:, np.argsort(-lengths)[:COMPARED]] / seen.std()
+            longest = seen[:, np.argsort(-lengths)[:COMPARED]] / (seen.std() + 1e-9)
             heights = np.maximum((self.waves @ longest).max(axis=1), 0)
             total += heights**2 / powers
         return self._clock(divmod(int(total.argmax()), self._steps), NO_SLOPE)

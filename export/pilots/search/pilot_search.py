@@ -26,7 +26,7 @@ from link.errors import InputError
 from link.images import as_gray
 from link.layout import Layout
 from link.pilot_code import PLAIN
-from link.types import Corners, Image
+from link.types import Array, Corners, Image
 
 GLANCES = 4
 """Number of quadrilaterals that are glanced at in one step."""
@@ -38,6 +38,8 @@ leave time for several."""
 PATIENCE_S, MOST_DOUBLED = 2.0, 3
 """Time, in seconds of frames that were seen, after which the first two searches are given up, and
 number of times that it doubles, each time for the next two searches: some displays take longer."""
+Doubtful = list[tuple[float, Proposal]]
+"""Proposals, each with its evidence, that are settled last."""
 Search = Generator[None, None, Settled | None]
 """Steps of the search, which end with the display that is sure, or None."""
 
@@ -174,6 +176,10 @@ class PilotSearch:
             return found
         while len(watch.frames) < watch.window:
             yield None
+        doubtful: Doubtful = []
+        strongest = proposer.strongest
+        if found := (yield from self._fit(strongest, SHIFTED, proposer, watch, doubtful)):
+            return found
         quads, usual = yield from proposer.all_quads()
         glances = []
         for number, quad in enumerate(quads):
@@ -186,10 +192,34 @@ class PilotSearch:
             if found := (yield from self._weigh_and_settle(proposal, watch)):
                 return found
         ranked = proposer.ranked(quads, [evidence for evidence, _ in glances], usual)
-        doubtful = []
-        for rank, quad in enumerate(quads[number] for number in ranked):
+        left = [quad for quad in (quads[i] for i in ranked) if not _is_among(quad, strongest)]
+        if found := (yield from self._fit(left, SHIFTED, proposer, watch, doubtful)):
+            return found
+        for evidence, fit in sorted(doubtful, key=lambda each: -each[0]):
+            if found := (yield from self._settle(fit, evidence, watch)):
+                return found
+        return None
+
+    def _fit(
+        self,
+        quads: Sequence[Array],
+        coded: int,
+        proposer: Proposer,
+        watch: Watch,
+        doubtful: Doubtful,
+    ) -> Search:
+        """Fit the pilots to quadrilaterals, any side up, and settle each fit that is a hint.
+
+        Args:
+            quads: (4, 2) pixels of the reference frame each, the likeliest first.
+            coded: number of them about which displays with a code are looked for, too.
+            proposer: fits the pilots.
+            watch: the film.
+            doubtful: takes the fits that are no hint, each with its evidence.
+        """
+        for rank, quad in enumerate(quads):
             for turn in (0, 1):
-                fit = proposer.first_fit(np.roll(quad, -turn, axis=0), coded=rank < SHIFTED)
+                fit = proposer.first_fit(np.roll(quad, -turn, axis=0), coded=rank < coded)
                 yield None
                 if fit is None:
                     continue
@@ -198,9 +228,6 @@ class PilotSearch:
                     doubtful.append((evidence, fit))
                 elif found := (yield from self._settle(fit, evidence, watch)):
                     return found
-        for evidence, fit in sorted(doubtful, key=lambda each: -each[0]):
-            if found := (yield from self._settle(fit, evidence, watch)):
-                return found
         return None
 
     def _weigh_and_settle(self, proposal: Proposal, watch: Watch) -> Search:
@@ -213,3 +240,8 @@ class PilotSearch:
         """Settle a proposal with this evidence in all frames so far, before it pays."""
         self._surest_seen = max(self._surest_seen, evidence)
         return (yield from settle(proposal, evidence, watch))
+
+
+def _is_among(quad: Array, quads: Sequence[Array]) -> bool:
+    """Tell whether a quadrilateral is one of others, and not only alike."""
+    return any(quad is each for each in quads)

@@ -139,7 +139,7 @@ export class CodeSearch {
           most[at] = Math.max(most[at], real[at], imaginary[at]);
         }
       }
-      const unit = deviationOf(part);
+      const unit = deviationOf(part) + 1e-9;
       for (let at = 0; at < most.length; at++) {
         total[at] += (most[at] / unit) ** 2 / (this.#energy[at] + 1e-6);
       }

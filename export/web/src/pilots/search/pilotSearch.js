@@ -20,7 +20,7 @@ import { pilotsSearchPilotSearch } from "../../generated/constants.js";
 import { candidateSteps, leavingSteps } from "../../locate/candidates.js";
 import { rolled } from "../../locate/quads.js";
 import {
-  CANDIDATES, GLANCE_WORK, LEAVING, NEXT_FRAME, PROMISING, Proposer, weighSteps,
+  CANDIDATES, GLANCE_WORK, LEAVING, NEXT_FRAME, PROMISING, Proposer, STRONGEST, byTurns, weighSteps,
 } from "./proposals.js";
 import { HINT, settleSteps } from "./settle.js";
 import { Watch } from "./watch.js";
@@ -28,6 +28,7 @@ import { Watch } from "./watch.js";
 /** @typedef {import("./film.js").HeldFrame} HeldFrame */
 /** @typedef {import("./proposals.js").Proposal} Proposal */
 /** @typedef {import("./settle.js").Settled} Settled */
+/** Proposals that are settled last. @typedef {{ fit: Proposal, evidence: number }[]} Doubtful */
 
 const { PATIENCE_S, MOST_DOUBLED, SHIFTED, STEPS_HZ } = pilotsSearchPilotSearch;
 
@@ -181,6 +182,7 @@ export class PilotSearch {
     const within = yield* candidateSteps(watch.reference, CANDIDATES);
     const leaving = yield* leavingSteps(watch.reference, LEAVING);
     const edges = [...within.map((edge) => edge.corners), ...leaving];
+    const strongest = byTurns(edges.slice(0, STRONGEST), leaving);
     const proposer = new Proposer(watch, edges, this.layouts);
     yield BEGIN_WORK;
     this.#proposer = proposer;
@@ -191,6 +193,10 @@ export class PilotSearch {
       if (found !== null) return found;
     }
     while (watch.frames.length < watch.window) yield NEXT_FRAME;
+    /** @type {Doubtful} */
+    const doubtful = [];
+    const soon = yield* this.#fit(strongest, proposer, watch, doubtful);
+    if (soon !== null) return soon;
     const { quads, usual } = yield* proposer.allQuads();
     const glances = [];
     for (const quad of quads) {
@@ -203,10 +209,29 @@ export class PilotSearch {
       if (found !== null) return found;
     }
     const evidences = glances.map(({ evidence }) => evidence);
-    const doubtful = [];
-    for (const [rank, number] of proposer.ranked(quads, evidences, usual).entries()) {
+    const ranked = proposer.ranked(quads, evidences, usual).map((number) => quads[number]);
+    const left = ranked.filter((quad) => !strongest.includes(quad));
+    const late = yield* this.#fit(left, proposer, watch, doubtful);
+    if (late !== null) return late;
+    for (const { fit, evidence } of doubtful.sort((one, other) => other.evidence - one.evidence)) {
+      const found = yield* this.#settle(fit, evidence, watch);
+      if (found !== null) return found;
+    }
+    return null;
+  }
+
+  /**
+   * Fit the pilots to quadrilaterals, any side up, and settle each fit that is a hint.
+   *
+   * @param {Point[][]} quads - the likeliest first
+   * @param {Proposer} proposer
+   * @param {Watch} watch
+   * @param {Doubtful} doubtful - takes the fits that are no hint
+   */
+  *#fit(quads, proposer, watch, doubtful) {
+    for (const [rank, quad] of quads.entries()) {
       for (const turn of [0, 1]) {
-        const fit = yield* proposer.firstFit(rolled(quads[number], turn), rank < SHIFTED);
+        const fit = yield* proposer.firstFit(rolled(quad, turn), rank < SHIFTED);
         if (fit === null) continue;
         const { evidence } = proposer.surestIn(fit.corners, [fit.layout]);
         yield GLANCE_WORK;
@@ -217,10 +242,6 @@ export class PilotSearch {
         const found = yield* this.#settle(fit, evidence, watch);
         if (found !== null) return found;
       }
-    }
-    for (const { fit, evidence } of doubtful.sort((one, other) => other.evidence - one.evidence)) {
-      const found = yield* this.#settle(fit, evidence, watch);
-      if (found !== null) return found;
     }
     return null;
   }

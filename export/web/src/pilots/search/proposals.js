@@ -38,6 +38,20 @@ const WEIGH_WORK = 6;
  * @typedef {{ corners: Point[], layout: Layout, toggling: Toggling }} Proposal
  */
 
+/**
+ * List the items of two arrays by turns, and what is left of the longer one.
+ *
+ * @template T
+ * @param {T[]} first
+ * @param {T[]} second
+ * @returns {T[]}
+ */
+export function byTurns(first, second) {
+  const most = Math.max(first.length, second.length);
+  return Array.from({ length: most }, (_, i) => [first.slice(i, i + 1), second.slice(i, i + 1)])
+    .flat(2);
+}
+
 /** A quadrilateral, and how pilots toggle where it is a display. */
 export class Watched {
   /**
@@ -263,11 +277,7 @@ export class Proposer {
       yield OUTLINE_WORK;
       if (outline !== null) outlines.push(this.#watch.onImage(outline));
     }
-    const first = faint.slice(0, CANDIDATES);
-    const most = Math.max(first.length, this.#edges.length);
-    const edges = Array.from({ length: most }, (_, i) => [first[i], this.#edges[i]?.corners])
-      .flat()
-      .filter((quad) => quad !== undefined);
+    const edges = byTurns(faint.slice(0, CANDIDATES), this.#edges.map((quad) => quad.corners));
     const usual = [...edges, ...outlines];
     const framed = edges.map((quad) => inset(quad, FRAME_SHARE));
     return { quads: [...usual, ...framed, ...faint.slice(CANDIDATES)], usual: usual.length };
@@ -316,11 +326,9 @@ export class Proposer {
     const most = (/** @type {number[]} */ values) =>
       [...quads.keys()].sort((i, k) => values[k] - values[i]).slice(0, CANDIDATES);
     const bounding = most(worths).filter((i) => worths[i] > 0);
-    const byTurns = most(evidences).flatMap((i, turn) =>
-      turn < bounding.length ? [i, bounding[turn]] : [i],
-    );
+    const first = byTurns(most(evidences), bounding);
     const strongest = Array(Math.min(STRONGEST, usual)).keys();
-    return [...new Set([...strongest, ...byTurns, ...Array(usual).keys()])];
+    return [...new Set([...strongest, ...first, ...Array(usual).keys()])];
   }
 
   /**
