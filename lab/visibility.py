@@ -10,7 +10,7 @@ from export.visibility.flicker import (
     Visibility,
     contrast_over_threshold,
     largest_kappa,
-    message_visibility,
+    random_message,
 )
 from export.visibility.line_code import shown_amplitudes
 from export.visibility.viewing import PICTURE_LEVELS, Viewing, Where
@@ -91,8 +91,8 @@ def seen_of(
         refresh_hz: refreshes a second as `viewing_of` takes them.
     """
     viewing = viewing_of(preset, level, refresh_hz)
-    rng = np.random.default_rng(seed)
-    return message_visibility(viewing, preset.line_code, rng, seconds, where)
+    shown = random_message(viewing, preset.line_code, np.random.default_rng(seed), seconds)
+    return contrast_over_threshold(shown, viewing, where)
 
 
 def setting_name(preset: Preset) -> str:

@@ -175,26 +175,6 @@ def random_message(
     return shown_amplitudes(line_code, bits, viewing.refreshes)[:wanted]
 
 
-def message_visibility(
-    viewing: Viewing,
-    line_code: str,
-    rng: np.random.Generator,
-    seconds: float = 60.0,
-    where: Where = "block",
-) -> Visibility:
-    """Work out how visible a random message is, by windows of half a second.
-
-    Args:
-        viewing: display, picture, kappa and viewer.
-        line_code: key of `export.visibility.line_code.LINE_CODES`.
-        rng: draws the bits.
-        seconds: length of the message, in seconds; 60 give 120 windows, and the mean to about 2 %.
-        where: "block" or "screen", as in `contrast_over_threshold`.
-    """
-    shown = random_message(viewing, line_code, rng, seconds)
-    return contrast_over_threshold(shown, viewing, where)
-
-
 def largest_kappa(
     viewing: Viewing,
     limit: float,

@@ -138,8 +138,8 @@ class PageFlags(StudyFlags):
 class Read:
     """What one receiver made of one film."""
 
-    data: bytes | None
-    """The message, or None where none came."""
+    data: str | None
+    """The message as hexadecimal digits, or None where none came."""
     time: float
     """Time of the camera until then, seconds, from the first frame that could be taken."""
     frames: int
@@ -148,8 +148,6 @@ class Read:
     """Time that the receiver took for them, seconds; before a camera the whole time."""
     stages: dict[str, float]
     """Part of this time that each stage took, seconds; empty where it was not measured."""
-    memory: int | None = None
-    """Memory of the process, in bytes, where it was measured."""
     skipped: int = 0
     """Number of frames that came while the receiver was busy."""
     waited: float = 0.0
@@ -173,8 +171,8 @@ class FilmRead:
     """Camera-display pair."""
     view_deg: float
     """Angle between the camera and the normal of the display, degrees."""
-    message: bytes
-    """Message that the display sent."""
+    message: str
+    """Message that the display sent, as hexadecimal digits."""
     python: Read
     """What Python's receiver made of the film."""
     page: Read
@@ -184,24 +182,10 @@ class FilmRead:
         """Return what one receiver made of it, "python" or "page"."""
         return self.python if who == "python" else self.page
 
-    def stored(self) -> dict[str, Any]:
-        """Return all fields as JSON holds them, bytes as hexadecimal digits."""
-        fields: dict[str, Any] = asdict(self) | {"message": self.message.hex()}
-        for who in RECEIVERS:
-            data = self.read_by(who).data
-            fields[who]["data"] = None if data is None else data.hex()
-        return fields
-
     @classmethod
     def from_stored(cls, fields: dict[str, Any]) -> "FilmRead":
-        """Make what `stored` returned into an object again."""
-        reads = {}
-        for who in RECEIVERS:
-            data = fields[who]["data"]
-            reads[who] = Read(
-                **fields[who] | {"data": None if data is None else bytes.fromhex(data)}
-            )
-        return cls(**fields | {"message": bytes.fromhex(fields["message"]), **reads})
+        """Make what `dataclasses.asdict` returned into an object again."""
+        return cls(**fields | {who: Read(**fields[who]) for who in RECEIVERS})
 
 
 @dataclass(frozen=True)
@@ -209,7 +193,7 @@ class PageContent:
     """What was measured."""
 
     films: list[dict[str, Any]]
-    """Every film, as `FilmRead.stored` has it."""
+    """Every film: the fields of a `FilmRead`."""
 
 
 @dataclass(frozen=True)
@@ -277,14 +261,14 @@ def read_in_python(filmed: MessageFilm, path: Path) -> Read:
     decoders, film = open_decoders(None, 1)
     fps = filmed.take.settings.fps
     receiver = Receiver(decoders, fps, film=film)
-    message: bytes | None = None
+    message: str | None = None
     seconds, time = 0.0, 0.0
     for number, gray in enumerate(read_y4m(path)):
         start, time = perf_counter(), number / fps
         step = receiver.push(gray, time)
         seconds += perf_counter() - start
         if step.message is not None:
-            message = step.message.data
+            message = step.message.data.hex()
             break
     return Read(message, time, receiver.frames, seconds, dict(receiver.timing.spent))
 
@@ -297,8 +281,8 @@ def read_in_node(site: Path, path: Path) -> Read:
     """
     said = run_node(["node", "read.js", str(site.absolute()), str(path.absolute())])
     read: dict[str, Any] = json.loads(said)
-    data = None if read["data"] is None else base64.b64decode(read["data"])
-    return Read(data, read["time"], read["frames"], read["seconds"], read["stages"], read["memory"])
+    data = None if read["data"] is None else base64.b64decode(read["data"]).hex()
+    return Read(data, read["time"], read["frames"], read["seconds"], read["stages"])
 
 
 def read_in_chromium(site: Path, path: Path) -> Read:
@@ -321,7 +305,7 @@ def read_in_chromium(site: Path, path: Path) -> Read:
             time = seen["message"] / 1000 - waited
             with page.expect_download() as saved:
                 page.locator("#keep").click()
-            data = Path(saved.value.path()).read_bytes()
+            data = Path(saved.value.path()).read_bytes().hex()
         said = f"{text_of(page, 'status')}. {text_of(page, 'advice')}"
     return Read(data, time, taken, time, {}, skipped=skipped, waited=waited, said=said)
 
@@ -338,7 +322,8 @@ def read_film(take: PageTake) -> dict[str, Any]:
         python = read_in_python(filmed, path)
         page = (read_in_chromium if take.way == "chromium" else read_in_node)(take.site, path)
     of = filmed.take
-    return FilmRead(take.setting, of.pair, of.view, filmed.message, python, page).stored()
+    message = filmed.message.hex()
+    return asdict(FilmRead(take.setting, of.pair, of.view, message, python, page))
 
 
 def read_films(flags: PageFlags, workshop: Workshop, site: Path) -> list[FilmRead]:
@@ -425,7 +410,7 @@ def measure_page(flags: PageFlags, workshop: Workshop) -> PageContent:
     """Build the site, film, and read every film by both receivers."""
     site = workshop.out / "site"
     build_site(site)
-    return PageContent([film.stored() for film in read_films(flags, workshop, site)])
+    return PageContent([asdict(film) for film in read_films(flags, workshop, site)])
 
 
 def page_blocks(results: Mapping[str, Results[PageContent]]) -> dict[str, str]:

@@ -3,7 +3,6 @@
 Nothing visible marks a display with pilots. Here `PilotSearch` looks for it in simulated hand-held
 films of rooms: of displays that show a preset, of displays that stand still, that show a film, and
 that toggle blocks of another layout. In the last three it must find nothing.
-A share of the frames may be dropped at random, as slow receivers and busy phones drop them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -78,8 +77,6 @@ class PilotSearchFlags(StudyFlags):
     """Number of films of each preset and of each thing they show."""
     seconds: float = 2.0
     """Length of each film, seconds."""
-    drop: float = 0.0
-    """Share of the frames that are dropped at random, from 0 to below 1."""
     pairs: tuple[str, ...] = GROUPS["paper"]
     """Camera-display pairs, which film in turn."""
 
@@ -96,8 +93,6 @@ class SearchTake:
     """Number of the film among those of its preset and kind."""
     seconds: float
     """Length of the film, seconds."""
-    drop: float
-    """Share of the frames that are dropped at random."""
     pair: str
     """Camera-display pair."""
     seed: int
@@ -205,10 +200,7 @@ def search_film(take: SearchTake) -> SearchOutcome:
     search, found_s, error, right = PilotSearch(searched_layouts(), fps), None, None, False
     observer = KnownCorners(layout, fps) if seen == "display" else None
     pair = source.pair(take.pair)
-    lost = np.random.default_rng([take.seed, number])
     for frame in film(states, layout, pair, view, settings, rng):
-        if lost.random() < take.drop:
-            continue
         found = search.push(frame.rgb, frame.time_s) if found_s is None else None
         if observer is not None:
             observer.push(frame)
@@ -323,8 +315,6 @@ def check_search(flags: PilotSearchFlags) -> None:
         choose(SEEN, seen, "name in --seen")
     if not 0.5 <= flags.seconds <= 60:
         raise ParameterError("seconds", f"need 0.5 to 60, got {flags.seconds:g}")
-    if not 0 <= flags.drop < 1:
-        raise ParameterError("drop", f"need 0 or more and less than 1, got {flags.drop:g}")
 
 
 def measure_search(flags: PilotSearchFlags, workshop: Workshop) -> SearchContent:
@@ -336,7 +326,6 @@ def measure_search(flags: PilotSearchFlags, workshop: Workshop) -> SearchContent
             seen=seen,
             number=number,
             seconds=flags.seconds,
-            drop=flags.drop,
             pair=pairs[number % len(pairs)],
             seed=flags.seed,
         )

@@ -6,7 +6,6 @@ Where there is no graphics card, software runs the same program of WebGL2.
 import base64
 import time
 from collections.abc import Iterator
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -99,14 +98,12 @@ def cut_out(page: Page, shot: Image) -> Image:
 
 
 WINDOWS = {
-    "desktop": (120, 90, 1.0, 1),
     "dense": (70, 40, 2.0, 1),
     "125 %": (96, 64, 1.25, 1),
     "phone upright": (40, 80, 3.0, 1),
     "desktop, by the processor": (300, 200, 1.0, 2),
     "125 %, by the processor": (400, 300, 1.25, 4),
     "phone upright, by the processor": (205, 365, 2.625, 4),
-    "phone on its side, by the processor": (240, 135, 3.0, 5),
 }
 """Width and height in CSS pixels, device pixels for each of them, and for each of the picture's."""
 QUICK = ("125 %", "phone upright", "phone upright, by the processor")
@@ -571,48 +568,6 @@ def test_a_picture_is_as_large_as_a_turned_window_allows_and_survives_the_card_s
     wait_for(page, "canvas.width === 300")
     page.evaluate("player.pause(), document.body.classList.add('rest')")
     assert cut_out(page, screenshot(page)).std() > 20
-
-
-COUNT_BYTES = """
-    window.moved = 0;
-    const to = WebGL2RenderingContext.prototype;
-    for (const name of ["texImage2D", "texSubImage2D", "bufferData", "bufferSubData"]) {
-        const original = to[name];
-        to[name] = function (...given) {
-            moved += given.find((each) => ArrayBuffer.isView(each))?.byteLength ?? 0;
-            return original.apply(this, given);
-        };
-    }
-"""
-"""Script that counts the bytes that go to the graphics card."""
-
-
-@pytest.mark.parametrize("size", [(160, 90), slow((640, 360))])
-def test_a_frame_pair_moves_no_more_than_a_number_for_each_block(
-    size: tuple[int, int], open_window: OpenWindow, tmp_path: Path
-) -> None:
-    """Its time is only printed, because software stands in for the graphics card."""
-    layout = make_layout(9, 16, *size, modulation="antipodal", pilots="auto")
-    loop = make_loop(layout, 2, cv2.resize(ramp(9, 16), size), even=True)
-    write_player(tmp_path / "player.html", loop, 0.1)  # so that no card is too slow
-    page = open_window(*size)
-    page.add_init_script(REFRESHES + COUNT_BYTES)
-    shown = drawn_states(page, tmp_path / "player.html", 4)
-    assert_shown(shown, list(islice(loop.states(), 4)))
-    script = """() => {
-        const pixel = new Uint8Array(4), { gl } = painter, taken = [], bytes = [];
-        for (let k = 4; k < 16; k++) {
-            const [before, start] = [moved, performance.now()];
-            player.show(k % player.states);
-            gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel); // when it is drawn
-            taken.push(performance.now() - start);
-            bytes.push(moved - before);
-        }
-        return [taken.sort((a, b) => a - b)[6], bytes];
-    }"""
-    milliseconds, moved = page.evaluate(script)
-    print(f"{milliseconds:.1f} ms a state of {size[0]} x {size[1]} pixels")
-    assert moved == [9 * 16, 0] * 6
 
 
 def test_flicker_that_is_seen_is_played_when_somebody_agrees(

@@ -19,7 +19,6 @@ from export.visibility.flicker import (
     contrast_over_threshold,
     flicker_spectrum,
     largest_kappa,
-    message_visibility,
     random_message,
 )
 from export.visibility.viewing import COLOUR_LEVELS, Viewing
@@ -47,6 +46,10 @@ ONE_GAZE = replace(FINE, gazes_deg=(0.0,))
 
 def rng(seed: int = 0) -> np.random.Generator:
     return np.random.default_rng(seed)
+
+
+def message_visibility(viewing, code, rng, seconds, where="block"):
+    return contrast_over_threshold(random_message(viewing, code, rng, seconds), viewing, where)
 
 
 # The eye

@@ -192,7 +192,8 @@ class PilotSearch:
             if found := (yield from self._weigh_and_settle(proposal, watch)):
                 return found
         ranked = proposer.ranked(quads, [evidence for evidence, _ in glances], usual)
-        left = [quad for quad in (quads[i] for i in ranked) if not _is_among(quad, strongest)]
+        tried = {id(quad) for quad in strongest}
+        left = [quads[number] for number in ranked if id(quads[number]) not in tried]
         if found := (yield from self._fit(left, SHIFTED, proposer, watch, doubtful)):
             return found
         for evidence, fit in sorted(doubtful, key=lambda each: -each[0]):
@@ -240,8 +241,3 @@ class PilotSearch:
         """Settle a proposal with this evidence in all frames so far, before it pays."""
         self._surest_seen = max(self._surest_seen, evidence)
         return (yield from settle(proposal, evidence, watch))
-
-
-def _is_among(quad: Array, quads: Sequence[Array]) -> bool:
-    """Tell whether a quadrilateral is one of others, and not only alike."""
-    return any(quad is each for each in quads)

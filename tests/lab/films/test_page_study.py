@@ -1,7 +1,7 @@
 """The study that sets the page's receiver beside Python's."""
 
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,15 +25,15 @@ from link.errors import InputError
 from reports.engine.backends import Backend
 
 
-def read(data: bytes | None, time: float, **stages: float) -> Read:
+def read(data: str | None, time: float, **stages: float) -> Read:
     fps = {"frames": 10, "skipped": round(20 * time - 10)}  # 20 in a second
     return Read(data, time, seconds=0.5, stages=stages, waited=time / 2, **fps)
 
 
 def films() -> list[FilmRead]:
-    python = read(b"yes", 2.0, track=0.1)
-    reads = [read(b"yes", 3.0, track=0.2), read(None, 9.0, track=0.2), read(b"no!", 2.0, track=0.2)]
-    return [FilmRead("paper", "canon-lg", 0.0, b"yes", python, found) for found in reads]
+    python = read("yes", 2.0, track=0.1)
+    reads = [read("yes", 3.0, track=0.2), read(None, 9.0, track=0.2), read("no!", 2.0, track=0.2)]
+    return [FilmRead("paper", "canon-lg", 0.0, "yes", python, found) for found in reads]
 
 
 def cells_of(table: page.Table) -> list[str]:
@@ -63,7 +63,7 @@ def test_stages_are_given_a_frame() -> None:
 
 def test_what_was_read_can_be_stored() -> None:
     for film in films():
-        assert FilmRead.from_stored(film.stored()) == film
+        assert FilmRead.from_stored(asdict(film)) == film
 
 
 def test_a_film_is_read_as_it_was_written(tmp_path) -> None:
@@ -88,7 +88,7 @@ def test_films_that_were_read_are_not_read_again(way, tmp_path, monkeypatch) -> 
 
     def reading(take: PageTake) -> dict[str, object]:
         asked.append((take.way, take.setting, take.number))
-        return films()[take.number].stored()
+        return asdict(films()[take.number])
 
     monkeypatch.setattr(page, "read_film", reading)
     flags = PageFlags(by=way, films=1, settings=("paper",))
@@ -114,7 +114,7 @@ def test_both_ways_read_the_same_films_of_one_length(monkeypatch) -> None:
     assert takes[0] == takes[1]
     config = takes[0].settings
     pairs = len(encode(bytes(100), config.layout.n_bits))
-    assert config.loops * 2 * pairs / 15 == pytest.approx(page.FILM_S)
+    assert config.loops * 2 * pairs / config.state_hz == pytest.approx(page.FILM_S)
 
 
 def test_a_film_that_is_kept_is_filmed_once(tmp_path, monkeypatch) -> None:
