@@ -153,7 +153,7 @@ REFUSED = [
     ("send", "--refresh nan", "--refresh: need -1000000 to 1000000, got nan"),
     ("send", "--refresh 1e5 --hold 4", "need up to 1000 states a second, got 25000"),
     ("send", "--state-hz 12 --hold 4", "60 Hz with --hold 4 is 15"),
-    ("send", "--state-hz 13", "60 Hz with --hold 5 is 12"),
+    ("send", "--state-hz 13", "60 Hz with --hold 4 is 15"),
     ("send", "--state-hz 0", "need up to 1000 states a second, got 0"),
     ("send", "--redundancy 0", "--redundancy: a frame of 28 message blocks has a code of fixed"),
     ("send", "--preset loud", "--preset: invalid choice: 'loud' (choose from"),
