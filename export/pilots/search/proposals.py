@@ -28,7 +28,7 @@ LEAVING = 2
 """Number of quadrilaterals of edges with a corner outside the image that are watched, too."""
 STRONGEST = 2
 """Number of quadrilaterals, those of the strongest edges, that the pilots are fitted to before all
-others, besides those with a corner outside the image."""
+others are glanced at."""
 FRAME_SHARE = 0.02
 """Width of a frame around the display, as a share of the display's sides: edges may be those of the
 frame, so quadrilaterals within them are glanced at, too."""
@@ -96,7 +96,7 @@ class Proposer:
         within = display_candidates(watch.reference, CANDIDATES)
         leaving = leaving_quads(watch.reference, LEAVING)
         self._edges = [*(candidate.corners for candidate in within), *leaving]
-        self.strongest = _by_turns(self._edges[:STRONGEST], leaving)
+        self.strongest = self._edges[:STRONGEST]
         """Quadrilaterals of the strongest edges, (4, 2) pixels of the reference frame each."""
         self._watched = [
             (np.roll(corners, -turn, axis=0), list[NDArray[np.float32]]())

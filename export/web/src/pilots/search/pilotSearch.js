@@ -20,7 +20,7 @@ import { pilotsSearchPilotSearch } from "../../generated/constants.js";
 import { candidateSteps, leavingSteps } from "../../locate/candidates.js";
 import { rolled } from "../../locate/quads.js";
 import {
-  CANDIDATES, GLANCE_WORK, LEAVING, NEXT_FRAME, PROMISING, Proposer, STRONGEST, byTurns, weighSteps,
+  CANDIDATES, GLANCE_WORK, LEAVING, NEXT_FRAME, PROMISING, Proposer, STRONGEST, weighSteps,
 } from "./proposals.js";
 import { HINT, settleSteps } from "./settle.js";
 import { Watch } from "./watch.js";
@@ -182,7 +182,7 @@ export class PilotSearch {
     const within = yield* candidateSteps(watch.reference, CANDIDATES);
     const leaving = yield* leavingSteps(watch.reference, LEAVING);
     const edges = [...within.map((edge) => edge.corners), ...leaving];
-    const strongest = byTurns(edges.slice(0, STRONGEST), leaving);
+    const strongest = edges.slice(0, STRONGEST);
     const proposer = new Proposer(watch, edges, this.layouts);
     yield BEGIN_WORK;
     this.#proposer = proposer;

@@ -46,7 +46,7 @@ const WEIGH_WORK = 6;
  * @param {T[]} second
  * @returns {T[]}
  */
-export function byTurns(first, second) {
+function byTurns(first, second) {
   const most = Math.max(first.length, second.length);
   return Array.from({ length: most }, (_, i) => [first.slice(i, i + 1), second.slice(i, i + 1)])
     .flat(2);
