@@ -178,7 +178,7 @@ class PilotSearch:
             yield None
         doubtful: Doubtful = []
         strongest = proposer.strongest
-        if found := (yield from self._fit(strongest, SHIFTED, proposer, watch, doubtful)):
+        if found := (yield from self._fit(strongest, proposer, watch, doubtful)):
             return found
         quads, usual = yield from proposer.all_quads()
         glances = []
@@ -194,7 +194,7 @@ class PilotSearch:
         ranked = proposer.ranked(quads, [evidence for evidence, _ in glances], usual)
         tried = {id(quad) for quad in strongest}
         left = [quads[number] for number in ranked if id(quads[number]) not in tried]
-        if found := (yield from self._fit(left, SHIFTED, proposer, watch, doubtful)):
+        if found := (yield from self._fit(left, proposer, watch, doubtful)):
             return found
         for evidence, fit in sorted(doubtful, key=lambda each: -each[0]):
             if found := (yield from self._settle(fit, evidence, watch)):
@@ -204,7 +204,6 @@ class PilotSearch:
     def _fit(
         self,
         quads: Sequence[Array],
-        coded: int,
         proposer: Proposer,
         watch: Watch,
         doubtful: Doubtful,
@@ -213,14 +212,13 @@ class PilotSearch:
 
         Args:
             quads: (4, 2) pixels of the reference frame each, the likeliest first.
-            coded: number of them about which displays with a code are looked for, too.
             proposer: fits the pilots.
             watch: the film.
             doubtful: takes the fits that are no hint, each with its evidence.
         """
         for rank, quad in enumerate(quads):
             for turn in (0, 1):
-                fit = proposer.first_fit(np.roll(quad, -turn, axis=0), coded=rank < coded)
+                fit = proposer.first_fit(np.roll(quad, -turn, axis=0), coded=rank < SHIFTED)
                 yield None
                 if fit is None:
                     continue
