@@ -30,6 +30,8 @@ GRID_FLAGS = ("rows", "cols", "width", "height", "ratex", "modulation", "pilots"
 """Flags that describe a layout; those that are absent have the preset's values."""
 USUAL_REFRESH = 60.0
 """Refreshes of the display in a second where --refresh is absent."""
+SAME_RATE = 0.02
+"""Share by which a rate may be slower than was asked for and still be it, as in player.html."""
 MOVING = (
     "note: where the picture moves, displays with pilots are found some seconds later and read "
     "less well than those with patches, which --preset paper shows"
@@ -132,7 +134,7 @@ def states_per_second(
         raise InputError(f"--refresh, --state-hz: need up to 1000 states a second, got {wanted:g}")
     if kind != ".html":
         return wanted
-    held = max(1, math.floor(refresh / wanted + 0.02)) if hold is None else hold
+    held = max(1, math.floor(refresh / wanted + SAME_RATE)) if hold is None else hold
     if state_hz is None:
         return refresh / held
     if not math.isclose(wanted, refresh / held, rel_tol=1e-3):

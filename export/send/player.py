@@ -45,7 +45,8 @@ def write_player(path: Path, loop: Loop, state_hz: float, flicker: str = "") -> 
         path: the .html file.
         loop: what to show; all its carriers are taken.
         state_hz: states a second. The page holds each state for as many whole refreshes of the
-            display that it meets as do not make it slower, and says so if the rate is another.
+            display that it meets as do not make it slower, at least one, and says so if the rate
+            is another.
         flicker: "seen" or "flashes", of which the page warns before it plays; "" for neither.
 
     Raises:

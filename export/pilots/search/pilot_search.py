@@ -202,11 +202,7 @@ class PilotSearch:
         return None
 
     def _fit(
-        self,
-        quads: Sequence[Array],
-        proposer: Proposer,
-        watch: Watch,
-        doubtful: Doubtful,
+        self, quads: Sequence[Array], proposer: Proposer, watch: Watch, doubtful: Doubtful
     ) -> Search:
         """Fit the pilots to quadrilaterals, any side up, and settle each fit that is a hint.
 

@@ -19,7 +19,7 @@ from export.pilots.toggling import TogglePattern, Wave, find_toggling
 from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import Layout
 from link.pilot_code import PLAIN
-from link.types import Array, Corners
+from link.types import Array, Corners, Map
 
 CANDIDATES, FAINT_CANDIDATES = 6, 50
 """Number of quadrilaterals made of edges that are watched at once, and of those made of faint edges
@@ -98,25 +98,26 @@ class Proposer:
         self._edges = [*(candidate.corners for candidate in within), *leaving]
         self.strongest = self._edges[:STRONGEST]
         """Quadrilaterals of the strongest edges, (4, 2) pixels of the reference frame each."""
-        self._watched = [
-            (np.roll(corners, -turn, axis=0), list[NDArray[np.float32]]())
-            for corners in self._edges
-            for turn in (0, 1)
-        ]
+        # what each bounds in each frame: as it is, and a quarter turn on
+        self._views: list[tuple[list[Map], list[Map]]] = [([], []) for _ in self._edges]
 
     def add(self, frame: HeldFrame) -> None:
         """Take what the edges bound in the next frame."""
         size = 2 * self._finest[0], 2 * self._finest[1]
-        for number, corners in enumerate(self._edges):
+        for corners, views in zip(self._edges, self._views, strict=True):
             view = frame.view(corners, self._largest)
             shown = np.zeros((2, 2), np.uint8) if view is None else view
             for turn in (0, 1):
                 small = cv2.resize(np.rot90(shown, turn), size, interpolation=cv2.INTER_AREA)
-                self._watched[2 * number + turn][1].append(small.astype(np.float32))
+                views[turn].append(small.astype(np.float32))
 
     def promising(self) -> Proposal | None:
         """Choose the quadrilateral of edges that toggles most surely, where it is promising."""
-        surest = [self._surest(corners, views) for corners, views in self._watched]
+        surest = [
+            self._surest(np.roll(corners, -turn, axis=0), views[turn])
+            for corners, views in zip(self._edges, self._views, strict=True)
+            for turn in (0, 1)
+        ]
         evidence, proposal = max(surest, key=lambda found: found[0], default=(0.0, None))
         return proposal if evidence > PROMISING else None
 
