@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from export.pilots.clock import DisplayClock, embedded_share
@@ -112,14 +113,12 @@ class CodeSearch:
         within = self._part.T[:, None] == np.arange(SIDES)[:, None]  # (2, SIDES, P)
         self._signs_within = np.asarray(within * signs, np.float32)
         energy = (waves**2).sum(axis=1).reshape(-1, self._steps)
-        self._later = [self._phases_of_parts(slope) for slope in SLOPES]
-        self._powers = [
-            (
-                within[_axis(slope)].sum(axis=1)[:, None, None]
-                * np.take_along_axis(energy[None], later, axis=2)
-            ).sum(axis=0)
-            for slope, later in zip(SLOPES, self._later, strict=True)
-        ]
+        # part of the display, rate and phase that goes with each slope, part, rate and phase
+        axes = np.array([_axis(slope) for slope in SLOPES])[:, None, None]
+        self._parts = axes, np.arange(SIDES)[:, None], np.arange(len(self._hz)), self._later()
+        places = within.sum(axis=2)[axes[:, 0], self._parts[1][:, 0]]  # (slopes, SIDES)
+        later = _turning(np.tile(energy, (2, SIDES, 1, 1)))[self._parts]
+        self._powers = (places[:, :, None, None] * later).sum(axis=1)
 
     def strongest(self, values: NDArray[np.floating], count: int = 1) -> list[CodeLock]:
         """Find the clocks by which values follow their signs most surely, the surest first.
@@ -138,9 +137,8 @@ class CodeSearch:
         sums = (self._signs_within @ np.asarray(values, np.float32).T) @ self.waves.T
         sums = sums.reshape(2, SIDES, *shape)  # (2, SIDES, H) -> (2, SIDES, rates, phases)
         gain, slopes = np.zeros(shape), np.zeros(shape, np.intp)
-        for at, slope in enumerate(SLOPES):
-            along = np.take_along_axis(sums[_axis(slope)], self._later[at], axis=2).sum(axis=0)
-            explained = np.maximum(along, 0) ** 2 / (self._powers[at] + 1e-9)
+        along = np.maximum(_turning(sums)[self._parts].sum(axis=1), 0)
+        for at, explained in enumerate(along**2 / (self._powers + 1e-9)):
             better = explained > SURER * gain
             slopes, gain = np.where(better, at, slopes), np.where(better, explained, gain)
         kept, left = list[tuple[int, int]](), gain.copy()
@@ -172,18 +170,19 @@ class CodeSearch:
             total += heights**2 / powers
         return self._clock(divmod(int(total.argmax()), self._steps), NO_SLOPE)
 
-    def _phases_of_parts(self, slope: Array) -> NDArray[np.intp]:
-        """Give the phase at which each part of the display is: (SIDES, rates, phases)."""
+    def _later(self) -> NDArray[np.intp]:
+        """Give the phases by which parts of the display are later: (slopes, SIDES, rates)."""
         centres = (np.arange(SIDES) + 0.5) / SIDES - 0.5
-        steps = np.rint(PHASES * np.outer(centres, self._hz) * slope.sum()).astype(np.intp)
-        return np.asarray((np.arange(self._steps) + steps[:, :, None]) % self._steps)
+        phases = PHASES * np.outer(centres, self._hz) * SLOPES.sum(axis=1)[:, None, None]
+        return np.asarray(np.rint(phases) % self._steps, np.intp)
 
     def _lock(
         self, at: tuple[int, int], slope: int, gain: Array, values: NDArray[np.floating]
     ) -> CodeLock:
         """Describe the clock of a rate and a phase, given by their numbers, and weigh it."""
         part = self._part[:, _axis(SLOPES[slope])]
-        wave = self.waves[at[0] * self._steps + self._later[slope][part, at[0], at[1]]]  # (P, T)
+        later = (at[1] + self._parts[3][slope, part, at[0]]) % self._steps
+        wave = self.waves[at[0] * self._steps + later]  # (P, T)
         X = (wave * np.asarray(values).T).sum(axis=1, dtype=np.float64)
         count = len(X)
         share = float((self._signs @ X) ** 2 / (count * (X @ X) + 1e-9))
@@ -205,6 +204,12 @@ class CodeSearch:
 def _axis(slope: Array) -> int:
     """Tell along which axis a slope goes, 0 for x and 1 for y."""
     return int(slope[0] == 0)
+
+
+def _turning(sums: NDArray[np.floating]) -> NDArray[np.floating]:
+    """View (..., phases), which come again, as they follow each: (..., phases + 1, phases)."""
+    twice = np.concatenate([sums, sums], axis=-1)
+    return sliding_window_view(twice, sums.shape[-1], axis=-1)
 
 
 def clocks_tried(code: PilotCode) -> int:

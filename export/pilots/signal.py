@@ -166,16 +166,15 @@ def pilot_evidence(
     >>> pilot_evidence(noise, layout)[0] < 6
     True
     """
-    places = np.arange(len(values), dtype=np.float64) if at is None else np.asarray(at, np.float64)
-    taken = places > places[-1] - MOST_SPAN if len(places) else np.zeros(0, bool)
-    span, fastest = span_of(places[taken])
-    numbers = np.arange(SLOWEST, fastest + 1)
-    if not len(numbers):
+    places = tuple(range(len(values)) if at is None else at)
+    taken = tuple(place for place in places if place > places[-1] - MOST_SPAN)
+    made, span = _whole_waves(taken)
+    if not len(made):
         return 0.0, 0.0
-    series = np.asarray(values, np.float64)[taken]
+    series = np.asarray(values[-len(taken) :], np.float64)
     series = series - series.mean(axis=0)
     series /= series.std(axis=0) + LEAST_DEVIATION
-    lines = waves(places[taken], numbers / span, np.arange(SLOWEST) / span) @ series
+    lines = made @ series
     turned = signed_phases(layout)
     # of the turned amplitudes Z: sums of s Z, of Z Z and of |Z|^2, each (slopes, frequencies)
     along, squares = turned @ lines.T, turned**2 @ (lines**2).T
@@ -188,6 +187,20 @@ def pilot_evidence(
     unexplained = max(1 - float(share.max()), 1e-12)
     chance = (layout.pilots - 2) / 2 * float(np.log(unexplained)) + float(np.log(share.size))
     return max(0.0, -chance), (best + SLOWEST) / span
+
+
+@lru_cache(maxsize=4)
+def _whole_waves(at: tuple[float, ...]) -> tuple[NDArray[np.complex128], float]:
+    """Make the waves of whole periods in the time of some positions, from `SLOWEST` periods on.
+
+    Returns:
+        (F, T) the waves, and the number of nominal frames that the positions cover.
+    """
+    span, fastest = span_of(at)
+    numbers = np.arange(SLOWEST, fastest + 1)
+    if not len(numbers):
+        return np.zeros((0, len(at)), np.complex128), span
+    return waves(at, numbers / span, np.arange(SLOWEST) / span), span
 
 
 def common_phase(amplitudes: NDArray[np.complexfloating], layout: Layout) -> tuple[Array, float]:

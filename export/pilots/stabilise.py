@@ -31,6 +31,9 @@ SAME_PX = 0.7
 AGREEING = 0.5
 """Smallest share of the points within a quadrilateral that must move as one, for them to say how it
 moves."""
+TRIES, TRIES_WITHIN = 2000, 200
+"""Largest number of motions that are tried by RANSAC, of a whole image and within a quadrilateral:
+where half of the points agree, four chosen points miss them in all of 200 tries once in 400,000."""
 SPREAD = 0.25
 """Smallest share of a quadrilateral's area over which points within it must be spread, for them to
 say how it moves: from points that lie close together nothing follows for the rest."""
@@ -58,7 +61,7 @@ class Tracks:
             within, or too close together, or do not agree.
         """
         inside = _outside(quad, self.before[:, 0, 0], self.before[:, 0, 1]) <= 0
-        motions = _motions(self.before[inside], self.after[inside], 1, self.same_px)
+        motions = _motions(self.before[inside], self.after[inside], 1, self.same_px, TRIES_WITHIN)
         if not motions:
             return None
         H, same = motions[0]
@@ -217,7 +220,11 @@ def _clear_points(
 
 
 def _motions(
-    points: NDArray[np.float32], moved: NDArray[np.float32], most: int, same_px: float
+    points: NDArray[np.float32],
+    moved: NDArray[np.float32],
+    most: int,
+    same_px: float,
+    tries: int = TRIES,
 ) -> list[tuple[Array, NDArray[np.float32]]]:
     """Find motions that points share, that of the most points first.
 
@@ -226,13 +233,14 @@ def _motions(
         moved: (n, 1, 2) pixels of the frame, where these points are found.
         most: number of motions that are looked for.
         same_px: largest distance, in pixels, of a point from where its motion puts it.
+        tries: largest number of motions that are tried for each one found.
 
     Returns:
         (3, 3) homographies, each with the points that share it, at least `MIN_POINTS`.
     """
     found: list[tuple[Array, NDArray[np.float32]]] = []
     while len(found) < most and len(points) >= MIN_POINTS:
-        H, inliers = cv2.findHomography(points, moved, cv2.RANSAC, same_px)
+        H, inliers = cv2.findHomography(points, moved, cv2.RANSAC, same_px, maxIters=tries)
         if H is None or inliers.sum() < MIN_POINTS:
             break
         same = inliers[:, 0] > 0

@@ -42,11 +42,11 @@ class TogglePattern(Protocol):
     Positions of frames are nominal frames since a reference (`export.pilots.waves.position`).
     """
 
-    def amplitudes(self, views: NDArray[np.float32], at: Sequence[float]) -> NDArray[np.complex64]:
+    def amplitudes(self, series: NDArray[np.float32], at: Sequence[float]) -> NDArray[np.complex64]:
         """Measure how each place toggles, over its deviation.
 
         Args:
-            views: (frames, h, w) maps of a display.
+            series: (frames, h, w) maps of a display, as of `over_deviation`.
             at: positions of the frames.
 
         Returns:
@@ -134,12 +134,10 @@ class Wave:
         """Return true: the phase is left open."""
         return True
 
-    def amplitudes(self, views: NDArray[np.float32], at: Sequence[float]) -> NDArray[np.complex64]:
+    def amplitudes(self, series: NDArray[np.float32], at: Sequence[float]) -> NDArray[np.complex64]:
         """Measure how each place toggles, over its deviation: (h, w) complex amplitudes."""
-        stack = views - views.mean(axis=0)
         turns = waves(at, np.array([self.frequency]), np.zeros(1))[0].round(12)
-        line = np.tensordot(turns.astype(np.complex64), stack, axes=1)
-        return np.asarray(line / (stack.std(axis=0) + LEAST_DEVIATION), np.complex64)
+        return np.asarray(np.tensordot(turns.astype(np.complex64), series, axes=1), np.complex64)
 
     def period_changes(self, maps: GridMaps, views: Map, at: Sequence[float]) -> Map:
         """Measure by how much each pixel changed in each period of the toggling: (K, h, w).
@@ -204,11 +202,10 @@ class CodedToggling:
         shown = (2 * shares[0].T - 1).astype(np.float32)
         return np.asarray(shown[:, :, None] if down else shown[:, None, :])
 
-    def amplitudes(self, views: NDArray[np.float32], at: Sequence[float]) -> NDArray[np.complex64]:
+    def amplitudes(self, series: NDArray[np.float32], at: Sequence[float]) -> NDArray[np.complex64]:
         """Measure how each place toggles, over its deviation: (h, w), real."""
-        x, y = ((np.arange(side) + 0.5) / side for side in views.shape[:0:-1])
-        shown = self._waves(at, x, y)
-        return np.asarray((over_deviation(views) * shown).sum(axis=0), np.complex64)
+        x, y = ((np.arange(side) + 0.5) / side for side in series.shape[:0:-1])
+        return np.asarray((series * self._waves(at, x, y)).sum(axis=0), np.complex64)
 
     def period_changes(self, maps: GridMaps, views: Map, at: Sequence[float]) -> Map:
         """Measure by how much each pixel changed in each frame pair: (K, h, w)."""

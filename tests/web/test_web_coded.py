@@ -22,11 +22,11 @@ from export.film_graph import FilmGraph
 from export.pilots.clock import DisplayClock, embedded_share
 from export.pilots.code import CodeSearch, clocks_tried
 from export.pilots.search.all_blocks import block_maps
-from export.pilots.search.parts import COARSE_SIZE, shifted_togglings
+from export.pilots.search.parts import COARSE_SIZE, rough_series, shifted_togglings
 from export.pilots.search.pilot_search import PilotSearch
 from export.pilots.search.proposals import inset
 from export.pilots.signal import expected_changes, pilot_centres, pilot_signs
-from export.pilots.toggling import CodedToggling, find_toggling
+from export.pilots.toggling import CodedToggling, find_toggling, over_deviation
 from export.receive.receiver import Receiver
 from export.runtime import Decoder
 from link.pilot_code import PilotCode
@@ -122,7 +122,8 @@ def test_what_a_code_changes_is_measured_as_by_python(
     same(np.array(changes), toggling.period_changes(maps, views, at), PILOT_CHANGE)
     series = port("pilots/signal.js").overDeviation([view.reshape(-1) for view in views])
     line = ported.amplitudes(series, at, maps.size)
-    same(np.asarray(line.real), toggling.amplitudes(views, at).real.reshape(-1), PILOT_CHANGE)
+    expected = toggling.amplitudes(over_deviation(views), at).real.reshape(-1)  # -> (pixels,)
+    same(np.asarray(line.real), expected, PILOT_CHANGE)
     seconds = ported.clockInSeconds(FPS, 7.5)
     same(numbers_of(seconds), astuple(toggling.clock_in_seconds(FPS, 7.5)), SAME_STEPS)
 
@@ -150,12 +151,12 @@ def test_clocks_are_tried_at_shifts_of_a_display(port: Port) -> None:
     shown = np.roll(drawn, (side[1], 2 * side[0]), axis=(0, 1))
     noise = np.random.default_rng(2).normal(90, 3, (24, *shown.shape))
     views = (noise + 4 * np.multiply.outer(2 * shares - 1, shown)).astype(np.float32)
-    found = shifted_togglings(views, blocks, LAYOUT, at.tolist(), 30.0)
+    found = shifted_togglings(rough_series(views, LAYOUT), blocks, LAYOUT, at.tolist(), 30.0)
     width, height = COARSE_SIZE
     planes = [{"width": width, "height": height, "data": view.reshape(-1)} for view in views]
-    steps = port("pilots/search/parts.js").shiftedTogglings
-    run = port("link/code/steps.js").runToEnd
-    ported = run(steps(planes, blocks.reshape(-1), LAYOUT, at.tolist(), 30.0))
+    parts, run = port("pilots/search/parts.js"), port("link/code/steps.js").runToEnd
+    rough = parts.roughSeries(planes, LAYOUT)
+    ported = run(parts.shiftedTogglings(rough, blocks.reshape(-1), LAYOUT, at.tolist(), 30.0))
     for one, other in zip(ported, found, strict=True):
         assert one.clock.period == other.clock.period == 0.5
         apart = [each.number(12.0) - clock.number(12.0) for each in (one.clock, other.clock)]

@@ -25,7 +25,8 @@ Small parts tell more of the shape; large ones stand out of more noise, and are 
 COARSE_SIZE = (256, 192)
 """Width and height of the maps in which parts are shifted."""
 ROUGH_PX = 2
-"""Side of a block, in pixels, of the maps in which clocks and shifts are tried together."""
+"""Side of a block, in pixels, of the maps in which shifts are tried of a display that may be far
+off, and clocks with them."""
 REACH_BLOCKS, REACH_SHARE = 3.0, 0.1
 """Largest shift of a part that is looked for, in blocks, or as a share of the display's width, if
 that is more."""
@@ -64,10 +65,11 @@ def coarse_shift(
     height, width = change.shape
     block = np.array([width / layout.cols, height / layout.rows])
     reach = _reach(width, block, far=far)
-    around = [_bordered(part, block, reach) for part in (change.real, change.imag)]
-    smallest = _match_parts(around, _drawn(blocks, (width, height)), reach)
+    shown = (change.real, change.imag) if change.imag.any() else (change.real,)
+    around = [_bordered(part, block, reach) for part in shown]
+    smallest = _match_parts(around, _drawn(blocks, (width, height)), reach, PARTS[0])
     # of the matches that chance makes, so many medians are one e-th as frequent as the median
-    unit = np.log(2) if around[1].any() else HALF_REAL
+    unit = np.log(2) if len(shown) == 2 else HALF_REAL
     for parts in PARTS:
         match = (_joined(smallest, parts) ** 2).sum(axis=2)
         fit = _fit_shifts(match, unit, layout, (width, height))
@@ -76,19 +78,22 @@ def coarse_shift(
     return None
 
 
-def _match_parts(around: Sequence[Map], expected: Map, reach: list[int]) -> NDArray[np.float32]:
-    """Match each of the smallest parts with what is expected of it, at every shift.
+def _match_parts(
+    around: Sequence[Map], expected: Map, reach: list[int], parts: tuple[int, int]
+) -> NDArray[np.float32]:
+    """Match each part with what is expected of it, at every shift.
 
     Args:
         around: N maps, each with a border of ``reach`` on all sides.
         expected: (h, w) expected changes.
         reach: largest shift along x and y, pixels of the maps.
+        parts: number of parts from top to bottom and from left to right.
 
     Returns:
-        (rows, cols, N, y, x) of as many rows and columns as the first of `PARTS` has.
+        (rows, cols, N, y, x) of the parts.
     """
     x, y = reach
-    ys, xs = _ends(expected.shape, PARTS[0])
+    ys, xs = _ends(expected.shape, parts)
     matches = [
         cv2.matchTemplate(
             each[top : bottom + 2 * y, left : right + 2 * x],
@@ -98,11 +103,11 @@ def _match_parts(around: Sequence[Map], expected: Map, reach: list[int]) -> NDAr
         for (top, bottom), (left, right) in product(pairwise(ys), pairwise(xs))
         for each in around
     ]
-    return np.reshape(matches, (*PARTS[0], len(around), 2 * y + 1, 2 * x + 1))
+    return np.reshape(matches, (*parts, len(around), 2 * y + 1, 2 * x + 1))
 
 
 def _joined(smallest: NDArray[np.float32], parts: tuple[int, int]) -> NDArray[np.float32]:
-    """Add up the matches of the smallest parts to those of larger ones, whose number is given."""
+    """Add up the matches of small parts to those of larger ones, whose number is given."""
     (rows, cols, *rest), (down, across) = smallest.shape, parts
     split = smallest.reshape(down, rows // down, across, cols // across, *rest)
     return np.asarray(split.sum(axis=(1, 3)))  # the rows and the columns in each larger part
@@ -136,8 +141,9 @@ def _fit_shifts(
     ys, xs = _ends(size[::-1], parts)
     flat = match.reshape(*parts, -1)  # (rows, cols, y, x) -> (rows, cols, shifts)
     heights = (unit * flat.max(axis=2) / (np.median(flat, axis=2) + 1e-12)).ravel()
+    clear = np.flatnonzero(heights > CLEAR)
     places, seen = [], []
-    for row, col in np.ndindex(parts):
+    for row, col in zip(*np.unravel_index(clear, parts), strict=True):
         here = match[row, col]
         y, x = (int(at) for at in np.unravel_index(int(here.argmax()), shifts))
         place = np.array([(xs[col] + xs[col + 1] - 1) / 2, (ys[row] + ys[row + 1] - 1) / 2])
@@ -147,10 +153,11 @@ def _fit_shifts(
         ]
         places.append((place + 0.5) * scale - 0.5)
         seen.append((place + shift + 0.5) * scale - 0.5)
-    clear = heights > CLEAR
-    old, new = np.array(seen)[clear], np.array(places)[clear]
+    old, new = np.array(seen), np.array(places)
     count = len(old)
-    if count and (count < FEW or len(heights) == 1):
+    if count == 0:
+        return None
+    if count < FEW or len(heights) == 1:
         best = int(np.argmax(heights[clear]))
         agree = (np.linalg.norm((old - new) - (old - new)[best], axis=1) < same).sum()
         if len(heights) > 1 and agree < 2:
@@ -158,8 +165,6 @@ def _fit_shifts(
         H = np.eye(3)
         H[:2, 2] = old[best] - new[best]
         return H, int(agree)
-    if count == 0:
-        return None
     if count < MANY:
         affine, inliers = cv2.estimateAffine2D(new, old, ransacReprojThreshold=same)
         fitted = None if affine is None else np.vstack([affine, [0, 0, 1]])
@@ -198,8 +203,15 @@ def _peak(values: NDArray[np.floating], at: int) -> float:
     return 0.5 * (before - after) / bend if bend < 0 else 0.0
 
 
+def rough_series(views: Map, layout: Layout) -> NDArray[np.float32]:
+    """Shrink maps (T, h, w) of a display to `ROUGH_PX` pixels a block, over their deviation."""
+    size = ROUGH_PX * layout.cols, ROUGH_PX * layout.rows
+    rough = [cv2.resize(view, size, interpolation=cv2.INTER_AREA) for view in views]
+    return over_deviation(np.array(rough))
+
+
 def shifted_togglings(
-    views: Map, blocks: NDArray[np.floating], layout: Layout, at: Sequence[float], fps: float
+    series: Map, blocks: NDArray[np.floating], layout: Layout, at: Sequence[float], fps: float
 ) -> list[TogglePattern]:
     """Find how a coded display may toggle of which it is not known where it lies.
 
@@ -208,23 +220,21 @@ def shifted_togglings(
     as a whole, or its parts each by itself.
 
     Args:
-        views: (T, h, w) maps of the display, such as `COARSE_SIZE`.
+        series: (T, h, w) maps of the display, such as `rough_series`.
         blocks: (rows, cols) expected change of each block, 0 where it is not known.
         layout: layout of the display.
         at: (T,) positions of the frames.
         fps: nominal number of frames of the camera in a second.
     """
-    size = ROUGH_PX * layout.cols, ROUGH_PX * layout.rows
-    block = np.full(2, float(ROUGH_PX))
-    reach = _reach(size[0], block, far=True)
-    expected = _drawn(blocks, size)
-    rough = [cv2.resize(view, size, interpolation=cv2.INTER_AREA) for view in views]
-    around = [_bordered(view, block, reach) for view in over_deviation(np.array(rough))]
-    smallest = _match_parts(around, expected, reach)
+    height, width = series.shape[1:]
+    block = np.array([width / layout.cols, height / layout.rows])
+    reach = _reach(width, block, far=True)
+    around = [_bordered(view, block, reach) for view in series]
+    smallest = _match_parts(around, _drawn(blocks, (width, height)), reach, PARTS[1])
     search = code_search(layout, layout.code, tuple(at), fps)
     found: list[TogglePattern] = []
     for parts in PARTS[1:]:
         matches = _joined(smallest, parts)
-        series = matches.reshape(-1, len(around), matches[0, 0, 0].size)  # -> (parts, T, shifts)
-        found.append(CodedToggling(search.highest(list(series)), layout.code))
+        shifts = matches.reshape(-1, len(around), matches[0, 0, 0].size)  # -> (parts, T, shifts)
+        found.append(CodedToggling(search.highest(list(shifts)), layout.code))
     return found

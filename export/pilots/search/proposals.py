@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from export.locate.candidates import display_candidates, leaving_quads
 from export.pilots.motion import moved_corners
 from export.pilots.search.film import HeldFrame, positions
-from export.pilots.search.parts import COARSE_SIZE, coarse_shift, shifted_togglings
+from export.pilots.search.parts import COARSE_SIZE, coarse_shift, rough_series, shifted_togglings
 from export.pilots.search.watch import Watch
 from export.pilots.signal import expected_changes, pilot_values, standing_out
 from export.pilots.toggling import TogglePattern, Wave, find_toggling
@@ -74,6 +74,57 @@ def weigh(
     return find_toggling(values, proposal.layout, positions(frames), fps)
 
 
+class Watched:
+    """A quadrilateral, and how pilots toggle where it is a display.
+
+    Args:
+        corners: pixels of the reference frame.
+        layouts: those that it may show.
+        fps: nominal number of frames of the camera in a second.
+        quarters: of 0 and 1, the numbers of quarter turns to the left after which it may be upright
+            or upside down.
+    """
+
+    def __init__(
+        self,
+        corners: Array,
+        layouts: Sequence[Layout],
+        fps: float,
+        quarters: Sequence[int] = (0,),
+    ) -> None:
+        self._corners, self._layouts, self._fps = corners, layouts, fps
+        # what blocks show in each frame, for each number of quarter turns and layout
+        self._blocks = {
+            (quarter, number): list[Map]() for quarter in quarters for number in range(len(layouts))
+        }
+
+    def take(self, view: NDArray[np.generic]) -> None:
+        """Take what the quadrilateral shows in the next frame, rectified to any size."""
+        for (quarter, number), blocks in self._blocks.items():
+            blocks.append(standing_out(np.rot90(view, quarter), self._layouts[number]))
+
+    def surest(self, at: Sequence[float]) -> tuple[float, Proposal]:
+        """Choose the layout, and the side that is up, whose pilots toggle most surely.
+
+        Args:
+            at: positions of the frames that were taken.
+
+        Returns:
+            the evidence, before it pays for what was tried, and what it speaks for.
+        """
+        found = []
+        for (quarter, number), blocks in self._blocks.items():
+            layout = self._layouts[number]
+            values = np.reshape(blocks, (len(at), -1))  # (T, rows, cols) -> (T, blocks)
+            for half in (0, 2):
+                turned = values[:, ::-1] if half else values
+                picked = list(turned[:, layout.pilot_blocks])
+                evidence, toggling = find_toggling(picked, layout, at, self._fps)
+                corners = np.roll(self._corners, -quarter - half, axis=0)
+                found.append((evidence, Proposal(corners, layout, toggling)))
+        return max(found, key=lambda each: each[0])
+
+
 class Proposer:
     """Proposes where the display may be in a film, and what it may show.
 
@@ -98,51 +149,22 @@ class Proposer:
         self._edges = [*(candidate.corners for candidate in within), *leaving]
         self.strongest = self._edges[:STRONGEST]
         """Quadrilaterals of the strongest edges, (4, 2) pixels of the reference frame each."""
-        # what each bounds in each frame: as it is, and a quarter turn on
-        self._views: list[tuple[list[Map], list[Map]]] = [([], []) for _ in self._edges]
+        self._watched = [Watched(corners, layouts, fps, (0, 1)) for corners in self._edges]
 
     def add(self, frame: HeldFrame) -> None:
         """Take what the edges bound in the next frame."""
         size = 2 * self._finest[0], 2 * self._finest[1]
-        for corners, views in zip(self._edges, self._views, strict=True):
+        for corners, watched in zip(self._edges, self._watched, strict=True):
             view = frame.view(corners, self._largest)
             shown = np.zeros((2, 2), np.uint8) if view is None else view
-            for turn in (0, 1):
-                small = cv2.resize(np.rot90(shown, turn), size, interpolation=cv2.INTER_AREA)
-                views[turn].append(small.astype(np.float32))
+            watched.take(cv2.resize(shown, size, interpolation=cv2.INTER_AREA))
 
     def promising(self) -> Proposal | None:
         """Choose the quadrilateral of edges that toggles most surely, where it is promising."""
-        surest = [
-            self._surest(np.roll(corners, -turn, axis=0), views[turn])
-            for corners, views in zip(self._edges, self._views, strict=True)
-            for turn in (0, 1)
-        ]
+        at = positions(self._watch.frames)
+        surest = [watched.surest(at) for watched in self._watched]
         evidence, proposal = max(surest, key=lambda found: found[0], default=(0.0, None))
         return proposal if evidence > PROMISING else None
-
-    def _surest(
-        self, corners: Array, views: Sequence[NDArray[np.generic]]
-    ) -> tuple[float, Proposal]:
-        """Choose the layout, upright or upside down, whose pilots toggle most surely.
-
-        Args:
-            corners: pixels of the reference frame.
-            views: what they bound in each frame, rectified to any size.
-
-        Returns:
-            the evidence, before it pays for what was tried, and what it speaks for.
-        """
-        found, at = [], positions(self._watch.frames)
-        for layout in self._layouts:
-            blocks = [standing_out(view, layout) for view in views]
-            for turn in (0, 2):
-                turned = [block[::-1, ::-1] if turn else block for block in blocks]
-                picked = [view.reshape(-1)[layout.pilot_blocks] for view in turned]  # -> (blocks,)
-                evidence, toggling = find_toggling(picked, layout, at, self._fps)
-                proposal = Proposal(np.roll(corners, -turn, axis=0), layout, toggling)
-                found.append((evidence, proposal))
-        return max(found, key=lambda each: each[0])
 
     def all_quads(self) -> Generator[None, None, tuple[list[Array], int]]:
         """Propose quadrilaterals by faint edges, by what toggles, and by the edges watched so far.
@@ -169,10 +191,12 @@ class Proposer:
         Returns:
             the evidence, before it pays, and what it speaks for.
         """
-        ways = [
-            self._surest(corners, list(self._watch.small_views(corners, self._finest)))
-            for corners in (quad, np.roll(quad, -1, axis=0))
-        ]
+        ways = []
+        for corners in (quad, np.roll(quad, -1, axis=0)):
+            watched = Watched(corners, self._layouts, self._fps)
+            for view in self._watch.small_views(corners, self._finest):
+                watched.take(view)
+            ways.append(watched.surest(positions(self._watch.frames)))
         return max(ways, key=lambda way: way[0])
 
     def glance_at(self, proposal: Proposal) -> float:
@@ -225,18 +249,20 @@ class Proposer:
         """
         views = self._watch.small_views(quad, COARSE_SIZE).astype(np.float32)
         at = positions(self._watch.frames)
-        ways: Sequence[tuple[TogglePattern, NDArray[np.complex64]]]
-        plain = [(wave, wave.amplitudes(views, at)) for wave in map(Wave, self._frequencies)]
+        waves = [Wave(frequency) for frequency in self._frequencies]
         best: tuple[int, Proposal] | None = None
         for layout in self._layouts:
-            if layout.code != PLAIN and not coded:
+            plain = layout.code == PLAIN
+            if not plain and not coded:
                 continue
-            blocks = expected_changes(layout)
-            for turn in (0, 2):
-                shown, ways = blocks[::-1, ::-1] if turn else blocks, plain
-                if layout.code != PLAIN:
-                    shifted = shifted_togglings(views, shown, layout, at, self._fps)
-                    ways = [(way, way.amplitudes(views, at)) for way in shifted]
+            series, blocks = rough_series(views, layout), expected_changes(layout)
+            ways: list[tuple[TogglePattern, NDArray[np.complex64]]] = []
+            if plain:
+                ways = [(wave, wave.amplitudes(series, at)) for wave in waves]
+            for turn, shown in ((0, blocks), (2, blocks[::-1, ::-1])):
+                if not plain:
+                    shifted = shifted_togglings(series, shown, layout, at, self._fps)
+                    ways = [(way, way.amplitudes(series, at)) for way in shifted]
                 for toggling, line in ways:
                     fit = coarse_shift(line, shown, layout, far=True)
                     if fit is not None and (best is None or fit[1] > best[0]):

@@ -13,6 +13,7 @@ from export.pilots.search.parts import COARSE_SIZE, MANY, coarse_shift
 from export.pilots.search.proposals import Proposal, weigh
 from export.pilots.search.watch import Watch
 from export.pilots.signal import expected_changes
+from export.pilots.toggling import over_deviation
 from link.pilot_code import PLAIN
 from link.types import Array
 
@@ -140,7 +141,7 @@ def _by_parts(proposal: Proposal, frames: Sequence[HeldFrame]) -> Move:
         views = rectified_views(corners, layout, frames, COARSE_SIZE)
         if views is None:
             break
-        line = proposal.toggling.amplitudes(views, positions(frames))
+        line = proposal.toggling.amplitudes(over_deviation(views), positions(frames))
         fit = coarse_shift(line, expected_changes(layout), layout)
         yield None
         if fit is None:
@@ -160,7 +161,7 @@ def _by_climbing(proposal: Proposal, frames: Sequence[HeldFrame]) -> Move:
         views = rectified_views(corners, layout, frames, map_size(layout))
         if views is None:
             break
-        line = proposal.toggling.amplitudes(views, positions(frames))
+        line = proposal.toggling.amplitudes(over_deviation(views), positions(frames))
         H_old_from_new = climb_to_pilots(line, layout)
         yield None
         corners = moved_corners(corners, H_old_from_new, layout)

@@ -51,6 +51,9 @@ FAINT, EDGE_SHARE = 0.12, 0.25
 """Averaged logarithm above the usual one at which a place speaks for lying within the outline, and
 the share of what is usual where it toggles clearly, if that is more: averaging spreads it over the
 display's edges."""
+STACKED = 4
+"""Number of frames that are rectified at once, as colours of one image: OpenCV takes up to four in
+about the time of one."""
 LEAST_SHARE = 0.01
 """Smallest share of the image that a toggling display covers."""
 
@@ -61,6 +64,7 @@ class ToggleMap:
     def __init__(self) -> None:
         self._stills: list[NDArray[np.uint8]] = []
         self._at: list[float] = []
+        self._stacks: list[NDArray[np.uint8]] = []  # (h, w, up to `STACKED`) of the same frames
         self._logs: dict[int, Map] = {}
         self._gains: list[Map] = []
 
@@ -73,7 +77,7 @@ class ToggleMap:
         """
         self._stills.append(still)
         self._at.append(at)
-        self._logs, self._gains = {}, []
+        self._stacks, self._logs, self._gains = [], {}, []
 
     def mean(self) -> NDArray[np.uint8]:
         """Average all frames so far, (h, w) uint8, rounded down."""
@@ -120,8 +124,12 @@ class ToggleMap:
             width: width of the views, pixels.
             height: height of the views, pixels.
         """
+        if not self._stacks:
+            groups = range(0, len(self._stills), STACKED)
+            self._stacks = [np.dstack(self._stills[first : first + STACKED]) for first in groups]
         H = homography_from_corners(quad, width, height)
-        return np.array([rectify(still, H, width, height) for still in self._stills])
+        views = [rectify(stack, H, width, height) for stack in self._stacks]
+        return np.array([frame for view in views for frame in cv2.split(view)], np.uint8)
 
     def worth(self, quad: Array) -> float:
         """Tell how well a quadrilateral bounds what toggles at one of the outlined frequencies.

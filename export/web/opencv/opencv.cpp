@@ -1,4 +1,4 @@
-// What the page needs of OpenCV, as plain functions of WebAssembly. build.py compiles them together
+// What the page needs of OpenCV, as plain functions of WebAssembly. build.sh compiles them together
 // with the library, and src/image/opencv.js calls them. Each does what Python's cv2 does there.
 
 #include <opencv2/calib3d.hpp>
@@ -122,6 +122,19 @@ static void weigh(float share, bool cubic, float *weights) {
   }
 }
 
+// Adds up rows of floats, times weights: a row of sums for each row of weights.
+PAGE void weightedSums(const Plane &rows, const Plane &weights, const Plane &to) {
+  const float *weight = static_cast<float *>(weights.data);
+  float *__restrict sums = static_cast<float *>(to.data);
+  std::fill_n(sums, to.width * to.height, 0.0f);
+  for (int row = 0; row < to.height; row++, sums += to.width) {
+    const float *__restrict values = static_cast<float *>(rows.data);
+    for (int i = 0; i < rows.height; i++, weight++, values += rows.width) {
+      for (int k = 0; k < rows.width; k++) sums[k] += *weight * values[k];
+    }
+  }
+}
+
 // The library's own remap rounds places to parts of a pixel before version 5.
 PAGE void between(const Plane &from, const Plane &x, const Plane &y, int by, int beyond,
                   const Plane &to) {
@@ -206,13 +219,13 @@ PAGE void flow(const Plane &reference, const Plane &image, const Plane &points, 
   status.reshape(1, 1).copyTo(found.mat());
 }
 
-// Fits a motion by RANSAC. Returns the number of points that agree, 0 where nothing fits; `same` is
-// 1 for each that does.
-PAGE int motion(const Plane &from, const Plane &to, double apart, int affine, const Plane &H,
-                const Plane &same) {
+// Fits a motion by RANSAC, in so many tries at most. Returns the number of points that agree, 0 where
+// nothing fits; `same` is 1 for each that does.
+PAGE int motion(const Plane &from, const Plane &to, double apart, int affine, int tries,
+                const Plane &H, const Plane &same) {
   Mat agree, fitted;
-  fitted = affine ? estimateAffine2D(from.points(), to.points(), agree, RANSAC, apart)
-                  : findHomography(from.points(), to.points(), RANSAC, apart, agree);
+  fitted = affine ? estimateAffine2D(from.points(), to.points(), agree, RANSAC, apart, tries)
+                  : findHomography(from.points(), to.points(), RANSAC, apart, agree, tries);
   if (fitted.empty()) return 0;
   Mat whole = Mat::eye(3, 3, CV_64F);
   fitted.copyTo(whole.rowRange(0, fitted.rows));

@@ -47,14 +47,15 @@ export function follow(reference, image, points, side, halvings, guess = null) {
  * @param {Points} to - where each of them went
  * @param {number} apart - largest distance, in pixels, of a point from where the motion puts it
  * @param {boolean} [affine]
+ * @param {number} [tries] - largest number of motions that are tried; OpenCV's own where not given
  * @returns {{ H: Float64Array<ArrayBuffer>, same: Uint8Array<ArrayBuffer>, count: number } | null}
  *   nine numbers, 1 for each pair that agrees, and their number; null where nothing fits
  */
-export function fitMotion(from, to, apart, affine = false) {
+export function fitMotion(from, to, apart, affine = false, tries = 2000) {
   if (from.length < 8) return null;
   const H = new Float64Array(9);
   const same = new Uint8Array(from.length / 2);
-  const count = call("motion", [from, to, apart, Number(affine)], [H, same]);
+  const count = call("motion", [from, to, apart, Number(affine), tries], [H, same]);
   return count > 0 ? { H, same, count } : null;
 }
 

@@ -294,16 +294,26 @@ export function rectify(
   image, HCapturedFromDisplay, width, height, room = null, lens = STRAIGHT,
 ) {
   const corners = transform(HCapturedFromDisplay, frameCorners(width, height));
-  const [top, right, bottom, left] = corners.map(([x, y], i) => {
-    const [nextX, nextY] = corners[(i + 1) % 4];
-    return Math.hypot(nextX - x, nextY - y);
-  });
-  const finer = Math.min(Math.min(top, bottom) / width, Math.min(left, right) / height);
-  const factor = Math.floor(finer);
+  const factor = Math.floor(pixelsInOne(corners, width, height));
   if (!(factor >= 2)) return sampled(image, HCapturedFromDisplay, width, height, room, lens);
   const H = multiply3(inverse(resizedHomography(factor, factor)), HCapturedFromDisplay);
   const small = new Lens(lens.k, image.width / factor, image.height / factor);
   return sampled(shrunkByWhole(image, factor), H, width, height, room, small);
+}
+
+/**
+ * Count the pixels of an image in one of a display's frame, along the side where they are fewest.
+ *
+ * @param {Point[]} corners - of the display, pixels of the image
+ * @param {number} width - of the display's frame, pixels
+ * @param {number} height - of the display's frame, pixels
+ */
+export function pixelsInOne(corners, width, height) {
+  const [top, right, bottom, left] = corners.map(([x, y], i) => {
+    const [nextX, nextY] = corners[(i + 1) % 4];
+    return Math.hypot(nextX - x, nextY - y);
+  });
+  return Math.min(Math.min(top, bottom) / width, Math.min(left, right) / height);
 }
 
 /**

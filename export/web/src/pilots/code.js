@@ -7,9 +7,10 @@
  */
 
 import { pilotsCode } from "../generated/constants.js";
+import { call, floatPlane } from "../image/opencv.js";
 import { roundHalfEven } from "../image/round.js";
 import { DisplayClock, embeddedShare } from "./clock.js";
-import { alongWave, lengthOf, takeOut } from "./waves.js";
+import { lengthOf, takeOut } from "./waves.js";
 
 const { STATE_HZ, CLOCK_ERROR, PHASES, SLOPES, NO_SLOPE, SIDES } = pilotsCode;
 const { COMPARED, RIVAL, OPEN, SURER, DRIFT } = pilotsCode;
@@ -46,6 +47,12 @@ export class CodeSearch {
   #drifts = [];
   /** Squared length (H,) of each wave. */
   #energy;
+  /** Signs of the places within each part along x, and along y; 0 elsewhere. */
+  #within;
+  /** Number of phases by which each part is later, for each rate and slope. */
+  #later;
+  /** Power (H,) of what all places show, for each slope. */
+  #powers;
 
   /**
    * @param {PilotCode} code - of the display
@@ -77,20 +84,45 @@ export class CodeSearch {
     }
     const count = this.#hz.length * this.#steps;
     /**
-     * What a block of sign 1 shows at the display's centre, less drifts: in each frame, (H,) by H
+     * What a block of sign 1 shows at the display's centre, less drifts: in each frame, a row, by H
      * clocks, those of a rate one after the other.
      */
-    this.waves = times.map(() => new Float32Array(count));
-    this.#energy = new Float64Array(count);
+    this.waves = floatPlane(count, times.length);
+    this.#energy = new Float32Array(count);
     for (let at = 0; at < count; at++) {
       const { period, shutter } = this.#clock(at, NO_SLOPE);
       const start = (-(at % this.#steps) / PHASES) * period;
       const numbers = Float64Array.of(period, start, 0, 0, shutter);
       const shares = embeddedShare(numbers, since, new Float64Array(2), code);
       const wave = takeOut(shares.map((share) => 2 * share - 1), this.#drifts);
-      wave.forEach((value, t) => (this.waves[t][at] = value));
+      wave.forEach((value, t) => (this.waves.data[t * count + at] = value));
       this.#energy[at] = lengthOf(wave) ** 2;
     }
+    this.#within = this.#part.map((parts) =>
+      Array.from({ length: SIDES }, (_, side) =>
+        signs.map((sign, p) => (parts[p] === side ? sign : 0)),
+      ),
+    );
+    this.#later = this.#hz.map((hz) =>
+      SLOPES.map(([across, down]) =>
+        Array.from({ length: SIDES }, (_, side) => {
+          const phases = PHASES * ((side + 0.5) / SIDES - 0.5) * hz * (across + down);
+          return (roundHalfEven(phases) + this.#steps) % this.#steps;
+        }),
+      ),
+    );
+    this.#powers = SLOPES.map((_, slope) => {
+      const pilots = this.#within[AXES[slope]].map((each) => each.filter(Boolean).length);
+      const powers = new Float32Array(count);
+      for (let first = 0, rate = 0; first < count; first += this.#steps, rate++) {
+        const power = new Float32Array(this.#steps).fill(1e-9);
+        this.#later[rate][slope].forEach((later, side) => {
+          addTurned(power, this.#energy, first, later, pilots[side]);
+        });
+        powers.set(power, first);
+      }
+      return powers;
+    });
   }
 
   /**
@@ -111,7 +143,7 @@ export class CodeSearch {
     return Array.from({ length: count }, () => {
       const most = left.reduce((greatest, each) => Math.max(greatest, each));
       const top = left.findIndex((each) => SURER * each >= most);
-      for (let near = 1 - PHASES; near < PHASES; near++) left[this.#later(top, near)] = -1;
+      for (let near = 1 - PHASES; near < PHASES; near++) left[this.#turned(top, near)] = -1;
       return this.#lock(top, chosen[top], gain, values);
     });
   }
@@ -131,13 +163,9 @@ export class CodeSearch {
       const lengths = part.map((each) => lengthOf(takeOut(each.slice(), this.#drifts)));
       const longest = [...part.keys()].sort((one, two) => lengths[two] - lengths[one]);
       const series = longest.slice(0, COMPARED).map((number) => part[number]);
-      const most = new Float64Array(total.length);
-      for (let i = 0; i < series.length; i += 2) {
-        const pair = { real: series[i], imaginary: series[i + 1] ?? series[i] };
-        const { real, imaginary } = alongWave(this.waves, pair);
-        for (let at = 0; at < most.length; at++) {
-          most[at] = Math.max(most[at], real[at], imaginary[at]);
-        }
+      const most = new Float32Array(total.length);
+      for (const heights of this.#along(series)) {
+        for (let at = 0; at < most.length; at++) most[at] = Math.max(most[at], heights[at]);
       }
       const unit = deviationOf(part) + 1e-9;
       for (let at = 0; at < most.length; at++) {
@@ -145,6 +173,21 @@ export class CodeSearch {
       }
     }
     return this.#clock(total.indexOf(Math.max(...total)), NO_SLOPE);
+  }
+
+  /**
+   * Compare series with the waves of all clocks.
+   *
+   * @param {readonly ArrayLike<number>[]} series - (T,) each
+   * @returns {Float32Array[]} (H,) sums of the products, for each
+   */
+  #along(series) {
+    const { width, height } = this.waves;
+    const weights = floatPlane(height, series.length);
+    series.forEach((values, i) => weights.data.set(values, i * height));
+    const sums = floatPlane(width, series.length);
+    call("weightedSums", [this.waves, weights], [sums]);
+    return series.map((_, i) => sums.data.subarray(i * width, (i + 1) * width));
   }
 
   /**
@@ -157,36 +200,24 @@ export class CodeSearch {
   #bestSlopes(values) {
     const gain = new Float64Array(this.#energy.length);
     const chosen = new Uint8Array(gain.length);
-    const parts = Array.from({ length: SIDES }, (_, side) => {
-      const within = this.#part.map((parts) =>
-        this.#signs.map((sign, p) => (parts[p] === side ? sign : 0)),
-      );
-      const [real, imaginary] = within.map((weights) =>
-        Float64Array.from(values, (now) => weights.reduce((sum, sign, p) => sum + sign * now[p], 0)),
-      );
-      const { real: across, imaginary: down } = alongWave(this.waves, { real, imaginary });
-      return { along: [across, down], pilots: within.map((each) => each.filter(Boolean).length) };
-    });
-    for (let first = 0, rate = 0; first < gain.length; first += this.#steps, rate++) {
-      SLOPES.forEach((_, slope) => {
-        const along = new Float64Array(this.#steps);
-        const power = new Float64Array(this.#steps).fill(1e-9);
-        this.#laterBy(rate, slope).forEach((later, side) => {
-          const [sums, pilots] = [parts[side].along[AXES[slope]], parts[side].pilots[AXES[slope]]];
-          let there = this.#later(first, later);
-          for (let phase = 0; phase < this.#steps; phase++) {
-            along[phase] += sums[there];
-            power[phase] += pilots * this.#energy[there];
-            if (++there === first + this.#steps) there = first;
-          }
-        });
-        for (let phase = 0; phase < this.#steps; phase++) {
-          const explained = Math.max(along[phase], 0) ** 2 / power[phase];
+    const series = this.#within.flat().map((weights) => values.map((now) => dot(weights, now)));
+    const along = this.#along(series);
+    const steps = this.#steps;
+    const sum = new Float32Array(steps);
+    for (let first = 0, rate = 0; first < gain.length; first += steps, rate++) {
+      for (let slope = 0; slope < SLOPES.length; slope++) {
+        sum.fill(0);
+        const [later, powers] = [this.#later[rate][slope], this.#powers[slope]];
+        for (let side = 0; side < SIDES; side++) {
+          addTurned(sum, along[AXES[slope] * SIDES + side], first, later[side]);
+        }
+        for (let phase = 0; phase < steps; phase++) {
+          const explained = Math.max(sum[phase], 0) ** 2 / powers[first + phase];
           if (explained <= SURER * gain[first + phase]) continue;
           gain[first + phase] = explained;
           chosen[first + phase] = slope;
         }
-      });
+      }
     }
     return { gain, chosen };
   }
@@ -201,12 +232,12 @@ export class CodeSearch {
    */
   #lock(at, slope, gain, values) {
     const count = this.#signs.length;
-    const later = this.#laterBy(Math.floor(at / this.#steps), slope);
+    const later = this.#later[Math.floor(at / this.#steps)][slope];
     let [along, power] = [0, 0];
     for (let p = 0; p < count; p++) {
-      const wave = this.#later(at, later[this.#part[AXES[slope]][p]]);
+      const wave = this.#turned(at, later[this.#part[AXES[slope]][p]]);
       let X = 0;
-      values.forEach((now, t) => (X += now[p] * this.waves[t][wave]));
+      values.forEach((now, t) => (X += now[p] * this.waves.data[t * this.waves.width + wave]));
       along += this.#signs[p] * X;
       power += X * X;
     }
@@ -233,25 +264,12 @@ export class CodeSearch {
   }
 
   /**
-   * Tell by how many phases each part along the axis of a slope is later than the centre.
-   *
-   * @param {number} rate - its number
-   * @param {number} slope - its number
-   */
-  #laterBy(rate, slope) {
-    const seconds = SLOPES[slope][0] + SLOPES[slope][1];
-    return Array.from({ length: SIDES }, (_, side) =>
-      roundHalfEven(PHASES * ((side + 0.5) / SIDES - 0.5) * this.#hz[rate] * seconds),
-    );
-  }
-
-  /**
    * Give the number of the clock of the same rate that is some phases later; they come again.
    *
    * @param {number} at
    * @param {number} phases
    */
-  #later(at, phases) {
+  #turned(at, phases) {
     const phase = at % this.#steps;
     const there = (phase + phases) % this.#steps;
     return at - phase + (there < 0 ? there + this.#steps : there);
@@ -271,6 +289,34 @@ export class CodeSearch {
     const start = this.#middle - moment + (across + down) / 2;
     return new DisplayClock(period, start, across, down, this.#shutter[rate]);
   }
+}
+
+/**
+ * Add the values of a rate's phases, which come again, from one of them on.
+ *
+ * @param {Float32Array} sum - (phases,) is added to
+ * @param {Float32Array} values - (H,)
+ * @param {number} first - where the phases of the rate begin
+ * @param {number} later - the phase, from 0 on, that is added to the first
+ * @param {number} [times] - how often they are added
+ */
+function addTurned(sum, values, first, later, times = 1) {
+  const left = sum.length - later;
+  for (let phase = 0; phase < left; phase++) sum[phase] += times * values[first + later + phase];
+  for (let phase = left; phase < sum.length; phase++) {
+    sum[phase] += times * values[first + phase - left];
+  }
+}
+
+/**
+ * @param {ArrayLike<number>} one
+ * @param {ArrayLike<number>} other - of its length
+ * @returns {number} the sum of the products
+ */
+function dot(one, other) {
+  let sum = 0;
+  for (let i = 0; i < one.length; i++) sum += one[i] * other[i];
+  return sum;
 }
 
 /**

@@ -12,7 +12,7 @@ import { identity, inverse, multiply3 } from "../link/linear.js";
 
 export const {
   WIDTH, POINTS, MIN_POINTS, CLEAR, FAINT, ROOM_POINTS, APART_PX, FLOW_PX, SAME_PX, PARTS, AGREEING,
-  SPREAD,
+  SPREAD, TRIES, TRIES_WITHIN,
 } = pilotsStabilise;
 
 /** Number of clear points of which some are chosen. */
@@ -43,7 +43,7 @@ export class Tracks {
     const { before, after } = this;
     const isInside = (/** @type {number} */ i) => outside(lines, before[2 * i], before[2 * i + 1]) <= 0;
     const within = chosen(before, isInside);
-    const [motion] = motionsOf(within, chosen(after, isInside), 1, this.samePx);
+    const [motion] = motionsOf(within, chosen(after, isInside), 1, this.samePx, TRIES_WITHIN);
     if (motion === undefined || 2 * motion.count < AGREEING * within.length) return null;
     return motion.area >= SPREAD * contourArea(quad) ? motion.H : null;
   }
@@ -253,13 +253,14 @@ function foundAgain(reference, small, points, guess) {
  * @param {Float32Array} after - where they are found
  * @param {number} most - number of motions that are looked for
  * @param {number} samePx - largest distance, in pixels, of a point from where its motion puts it
+ * @param {number} [tries] - largest number of motions that are tried for each one found
  * @returns {SharedMotion[]} each of `MIN_POINTS` points or more
  */
-function motionsOf(before, after, most, samePx) {
+function motionsOf(before, after, most, samePx, tries = TRIES) {
   /** @type {SharedMotion[]} */
   const found = [];
   while (found.length < most && before.length >= 2 * MIN_POINTS) {
-    const fit = fitMotion(before, after, samePx);
+    const fit = fitMotion(before, after, samePx, false, tries);
     if (fit === null || fit.count < MIN_POINTS) break;
     const { H, same, count } = fit;
     found.push({ H, count, area: hullArea(chosen(before, (i) => same[i])) });

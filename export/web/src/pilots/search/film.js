@@ -7,6 +7,7 @@ import {
   contourArea,
   homographyFromCorners,
   isConvex,
+  pixelsInOne,
   rectify,
   resizedHomography,
   transform,
@@ -171,19 +172,4 @@ function isNear(quad, width, height) {
     if (!(y > -FAR_OUTSIDE * height && y < (1 + FAR_OUTSIDE) * height)) return false;
   }
   return isConvex(quad) && contourArea(quad) >= LEAST_AREA * width * height;
-}
-
-/**
- * Count the pixels of the image in one of a map, along the side where they are fewest.
- *
- * @param {Point[]} quad - pixels of the image
- * @param {number} width - of the map
- * @param {number} height - of the map
- */
-function pixelsInOne(quad, width, height) {
-  const sides = quad.map(([x, y], i) => {
-    const [nextX, nextY] = quad[(i + 1) % 4];
-    return Math.hypot(nextX - x, nextY - y);
-  });
-  return Math.min(sides[0] / width, sides[2] / width, sides[1] / height, sides[3] / height);
 }

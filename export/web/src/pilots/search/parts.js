@@ -17,6 +17,7 @@ import { withoutSlope } from "../motion.js";
 import { overDeviation } from "../signal.js";
 import { CodedToggling, codeSearch } from "../toggling.js";
 
+/** @typedef {import("../signal.js").AnyPlane} AnyPlane */
 /** @typedef {import("../toggling.js").Amplitudes} Amplitudes */
 
 /**
@@ -228,26 +229,45 @@ function peakOffset(values, at) {
 }
 
 /**
+ * What maps of a display show over time (`overDeviation`), for each frame, and their width and
+ * height.
+ *
+ * @typedef {{ frames: Float32Array[], size: [number, number] }} Series
+ */
+
+/**
+ * Shrink maps of a display to `ROUGH_PX` pixels a block.
+ *
+ * @param {readonly AnyPlane[]} views - of each frame
+ * @param {Layout} layout
+ * @returns {Series}
+ */
+export function roughSeries(views, { rows, cols }) {
+  const [width, height] = [ROUGH_PX * cols, ROUGH_PX * rows];
+  const frames = overDeviation(views.map((view) => areaMeans(view, width, height).data));
+  return { frames, size: [width, height] };
+}
+
+/**
  * Find how a coded display may toggle of which it is not known where it lies.
  *
  * What a frame shows at each shift of the display, less the mean of all frames, is compared with
  * the expected changes. Only then are the clocks tried, all at once. The display may lie shifted as
  * a whole, or its parts each by itself.
  *
- * @param {readonly FloatPlane[]} views - maps of the display, as of `COARSE_SIZE`
+ * @param {Series} series - of maps of the display, such as `roughSeries`
  * @param {ArrayLike<number>} blocks - (rows * cols,) as of `coarseShift`
  * @param {Layout} layout - of the display
  * @param {readonly number[]} at - positions of the frames
  * @param {number} fps - nominal number of frames of the camera in a second
  * @returns {Steps<CodedToggling[]>}
  */
-export function* shiftedTogglings(views, blocks, layout, at, fps) {
-  const [width, height] = [ROUGH_PX * layout.cols, ROUGH_PX * layout.rows];
+export function* shiftedTogglings({ frames, size }, blocks, layout, at, fps) {
+  const [width, height] = size;
   const reach = reachOf({ width, height }, layout, true);
   /** @type {Matches[][]} */
   const shown = [];
-  const rough = views.map((view) => areaMeans(view, width, height).data);
-  for (const real of overDeviation(rough)) {
+  for (const real of frames) {
     const change = { width, height, real, imaginary: new Float32Array(real.length) };
     shown.push(matchParts(change, blocks, layout, reach));
     yield MATCH_WORK;

@@ -42,8 +42,6 @@ export const FRAME_WORK = 36;
  * the first frames take many times as long, as code is compiled while it runs.
  */
 export const FRAME_MS = 60;
-/** Share of this time after which a frame that is only watched is done, so that none is missed. */
-const SPARE_SHARE = 0.35;
 /** Number of nominal frames from one frame to the next above which a frame is missing. */
 export const MISSING = 1.5;
 /** Units of work of the first watched frame. */
@@ -80,8 +78,6 @@ export class PilotSearch {
   #failed = 0;
   /** Largest evidence of a quadrilateral in this search, before it pays. */
   #surestSeen = 0;
-  /** Until when the newest frame has time for what need not be now, milliseconds. */
-  #spareUntil = Infinity;
   /** What is looked at; null before the first frame. @type {Watch | null} */
   #watch = null;
   /** Null before the edges of the reference are known. @type {Proposer | null} */
@@ -112,10 +108,8 @@ export class PilotSearch {
    * @returns {PilotDisplay | null} the display once it is sure
    */
   push(gray, time) {
-    const now = performance.now();
-    const until = now + this.frameMs;
+    const until = performance.now() + this.frameMs;
     if ((time - this.#last) * this.fps > MISSING) this.#isLate = true;
-    this.#spareUntil = this.#isLate ? now + SPARE_SHARE * this.frameMs : Infinity;
     this.#last = time;
     const watch = this.#watch;
     let isFollowed = watch !== null && watch.take(gray, time);
@@ -187,7 +181,7 @@ export class PilotSearch {
     yield BEGIN_WORK;
     this.#proposer = proposer;
     proposer.add();
-    const promising = yield* proposer.promising(() => performance.now() < this.#spareUntil);
+    const promising = yield* proposer.promising();
     if (promising !== null) {
       const found = yield* this.#weighAndSettle(promising, watch);
       if (found !== null) return found;

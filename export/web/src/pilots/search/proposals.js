@@ -6,10 +6,11 @@ import { candidateSteps } from "../../locate/candidates.js";
 import { frameCorners, homographyFromCorners, transform } from "../../link/geometry.js";
 import { rolled } from "../../locate/quads.js";
 import { movedCorners } from "../motion.js";
-import { expectedChanges, overDeviation, pilotValues, standingOut } from "../signal.js";
+import { expectedChanges, pilotValues, standingOut } from "../signal.js";
 import { Wave, findToggling } from "../toggling.js";
-import { COARSE_SIZE, coarseShift, shiftedTogglings } from "./parts.js";
+import { COARSE_SIZE, coarseShift, roughSeries, shiftedTogglings } from "./parts.js";
 
+/** @typedef {import("../signal.js").AnyPlane} AnyPlane */
 /** @typedef {import("../toggling.js").Toggling} Toggling */
 /** @typedef {import("./film.js").HeldFrame} HeldFrame */
 /** @typedef {import("./watch.js").Watch} Watch */
@@ -26,10 +27,10 @@ export const GLANCE_WORK = 10;
 /** Units of work of the power at one frequency, and of an outline. */
 const POWER_WORK = 10;
 const OUTLINE_WORK = 20;
-/** Units of work of a layout's fit, and of weighing the evidence of a quadrilateral. */
+/** Units of work of a layout's fit, of weighing what the edges bound, and of rough maps. */
 const FIT_WORK = 4;
 const SURE_WORK = 1;
-const WEIGH_WORK = 6;
+const ROUGH_WORK = 2;
 
 /**
  * Where a display may be: corners in the reference frame, the displayed picture's top left first;
@@ -54,45 +55,45 @@ function byTurns(first, second) {
 
 /** A quadrilateral, and how pilots toggle where it is a display. */
 export class Watched {
+  #corners;
+  #layouts;
+  #fps;
+  #quarters;
+  /** Positions of the frames. @type {number[]} */
+  #at = [];
+  /** For each number of quarter turns and layout, what blocks show in each frame. */
+  #blocks;
+
   /**
    * @param {Point[]} corners - in the reference frame
    * @param {readonly Layout[]} layouts - those that it may show
    * @param {number} fps - nominal number of frames of the camera in a second
+   * @param {number[]} [quarters] - of 0 and 1, the numbers of quarter turns to the left after which
+   *   it may be upright or upside down
    */
-  constructor(corners, layouts, fps) {
-    this.corners = corners;
-    this.fps = fps;
-    /** Positions of the frames. @type {number[]} */
-    this.at = [];
-    /** For each layout, upright and upside down, the pilots' values in each frame. */
-    this.guesses = layouts.flatMap((layout) =>
-      [0, 2].map((turn) => ({ layout, turn, values: /** @type {Float32Array[]} */ ([]) })),
-    );
+  constructor(corners, layouts, fps, quarters = [0]) {
+    this.#corners = corners;
+    this.#layouts = layouts;
+    this.#fps = fps;
+    this.#quarters = quarters;
+    this.#blocks = quarters.map(() => layouts.map(() => /** @type {Float32Array[]} */ ([])));
   }
 
   /**
    * Take what the quadrilateral shows in the next frame.
    *
-   * @param {FloatPlane | null} view - of it, rectified to any size; null where it is not sound
+   * @param {AnyPlane | null} view - of it, rectified to any size; null where it is not sound
    * @param {number} at - position of the frame (waves.js)
    */
   take(view, at) {
-    this.at.push(at);
-    /** @type {Layout | null} */
-    let last = null;
-    /** @type {Float32Array} */
-    let blocks = new Float32Array(0);
-    for (const { layout, turn, values } of this.guesses) {
-      if (view === null) {
-        values.push(new Float32Array(layout.pilotBlocks.length));
-        continue;
-      }
-      if (layout !== last) blocks = standingOut(view, layout);
-      last = layout;
-      values.push(
-        Float32Array.from(layout.pilotBlocks, (at) => blocks[turn ? blocks.length - 1 - at : at]),
-      );
-    }
+    this.#at.push(at);
+    this.#quarters.forEach((quarter, number) => {
+      const turned = view !== null && quarter === 1 ? turnedLeft(view) : view;
+      this.#layouts.forEach((layout, i) => {
+        const nothing = new Float32Array(layout.rows * layout.cols);
+        this.#blocks[number][i].push(turned === null ? nothing : standingOut(turned, layout));
+      });
+    });
   }
 
   /**
@@ -102,13 +103,53 @@ export class Watched {
    *   tried, and what it speaks for
    */
   surest() {
-    const found = this.guesses.map(({ layout, turn, values }) => {
-      const { evidence, toggling } = findToggling(values, layout, this.at, this.fps);
-      const proposal = { corners: rolled(this.corners, turn), layout, toggling };
-      return { evidence, proposal };
-    });
+    const found = this.#quarters.flatMap((quarter, number) =>
+      this.#layouts.flatMap((layout, i) =>
+        [0, 2].map((half) => {
+          const picked = half === 0 ? layout.pilotBlocks : opposite(layout);
+          const values = this.#blocks[number][i].map((blocks) => chosen(blocks, picked));
+          const { evidence, toggling } = findToggling(values, layout, this.#at, this.#fps);
+          const corners = rolled(this.#corners, quarter + half);
+          return { evidence, proposal: { corners, layout, toggling } };
+        }),
+      ),
+    );
     return found.reduce((best, each) => (each.evidence > best.evidence ? each : best));
   }
+}
+
+/**
+ * Turn an image to the left by a quarter turn.
+ *
+ * @param {AnyPlane} plane
+ * @returns {FloatPlane}
+ */
+function turnedLeft({ width, height, data }) {
+  const turned = new Float32Array(data.length);
+  for (let y = 0, i = 0; y < width; y++) {
+    for (let x = 0; x < height; x++, i++) turned[i] = data[x * width + width - 1 - y];
+  }
+  return { width: height, height: width, data: turned };
+}
+
+/**
+ * List the blocks at which the pilots lie where a display is upside down.
+ *
+ * @param {Layout} layout
+ * @returns {Int32Array}
+ */
+function opposite({ rows, cols, pilotBlocks }) {
+  return Int32Array.from(pilotBlocks, (block) => rows * cols - 1 - block);
+}
+
+/**
+ * @param {Float32Array} values
+ * @param {ArrayLike<number>} picked - numbers of those that are chosen
+ */
+function chosen(values, picked) {
+  const result = new Float32Array(picked.length);
+  for (let i = 0; i < result.length; i++) result[i] = values[picked[i]];
+  return result;
 }
 
 /**
@@ -170,10 +211,8 @@ export class Proposer {
   #finest;
   /** Frequencies at which displays may toggle, in periods for each nominal frame. */
   #frequencies;
-  /** Quadrilaterals of edges, watched in each frame. @type {Watched[]} */
+  /** Quadrilaterals of edges, and how they toggle. @type {{ corners: Point[], quad: Watched }[]} */
   #edges;
-  /** The same, a quarter turn on, watched where there is time, else later. @type {Watched[]} */
-  #turned;
 
   /**
    * @param {Watch} watch - the film
@@ -192,74 +231,46 @@ export class Proposer {
     const periods = STATES_HZ.map((rate) => (rate / 2 / watch.fps) % 1);
     const folded = periods.map((period) => Math.min(period, 1 - period));
     this.#frequencies = [...new Set(folded)].filter((period) => period > 0).sort((a, b) => a - b);
-    [this.#edges, this.#turned] = [0, 1].map((turn) =>
-      edges.map((corners) => new Watched(rolled(corners, turn), layouts, watch.fps)),
-    );
+    this.#edges = edges.map((corners) => {
+      return { corners, quad: new Watched(corners, layouts, watch.fps, [0, 1]) };
+    });
   }
 
   /** Watch the newest frame. */
   add() {
     this.#watch.add();
-    for (const quad of this.#edges) this.#showNext(quad);
-  }
-
-  /**
-   * Let a quadrilateral take what it shows in the first frame that it was not shown yet.
-   *
-   * @param {Watched} quad
-   * @returns {boolean} false where it has been shown all frames
-   */
-  #showNext(quad) {
-    const frame = this.#watch.frames.at(quad.at.length);
-    if (frame === undefined) return false;
+    const { newest } = this.#watch;
     const { width, height } = this.#largest;
-    quad.take(frame.view(quad.corners, this.#largest, width >> 1, height >> 1), frame.at);
-    return true;
+    for (const { corners, quad } of this.#edges) {
+      quad.take(newest.view(corners, this.#largest, width >> 1, height >> 1), newest.at);
+    }
   }
 
   /**
    * Wait until a quadrilateral of edges toggles promisingly, or the window is full.
    *
-   * @param {() => boolean} isSpare - tells whether there is time for what need not be now
    * @returns {Steps<Proposal | null>} the one that toggles most surely
    */
-  *promising(isSpare) {
+  *promising() {
     const { frames, window } = this.#watch;
     const every = Math.floor(window / 4);
     for (;;) {
       const count = frames.length;
       if (count >= 2 * every && count % every === 0) {
-        for (const quads of [this.#edges, this.#turned]) {
-          const best = yield* this.#surest(quads);
-          if (best !== null) return best;
+        let most = PROMISING;
+        let best = null;
+        for (const { quad } of this.#edges) {
+          const { evidence, proposal } = quad.surest();
+          yield SURE_WORK;
+          if (!(evidence > most)) continue;
+          most = evidence;
+          best = proposal;
         }
+        if (best !== null) return best;
       }
       if (count >= window) return null;
-      for (const quad of this.#turned) {
-        while (isSpare() && this.#showNext(quad)) yield VIEW_WORK;
-      }
       yield NEXT_FRAME;
     }
-  }
-
-  /**
-   * Choose the quadrilateral that toggles most surely over the frames so far.
-   *
-   * @param {readonly Watched[]} quads - those that have not been shown all frames are shown the rest
-   * @returns {Steps<Proposal | null>} null where none is promising
-   */
-  *#surest(quads) {
-    let most = PROMISING;
-    let best = null;
-    for (const quad of quads) {
-      while (this.#showNext(quad)) yield VIEW_WORK;
-      const { evidence, proposal } = quad.surest();
-      yield SURE_WORK;
-      if (!(evidence > most)) continue;
-      most = evidence;
-      best = proposal;
-    }
-    return best;
   }
 
   /**
@@ -277,7 +288,7 @@ export class Proposer {
       yield OUTLINE_WORK;
       if (outline !== null) outlines.push(this.#watch.onImage(outline));
     }
-    const edges = byTurns(faint.slice(0, CANDIDATES), this.#edges.map((quad) => quad.corners));
+    const edges = byTurns(faint.slice(0, CANDIDATES), this.#edges.map(({ corners }) => corners));
     const usual = [...edges, ...outlines];
     const framed = edges.map((quad) => inset(quad, FRAME_SHARE));
     return { quads: [...usual, ...framed, ...faint.slice(CANDIDATES)], usual: usual.length };
@@ -353,24 +364,25 @@ export class Proposer {
   *firstFit(quad, coded) {
     const views = this.#watch.views(quad, ...COARSE_SIZE);
     yield GLANCE_WORK;
-    const series = overDeviation(views.map(({ data }) => data));
     const at = positions(this.#watch.frames);
-    const measured = (/** @type {Toggling} */ toggling) => {
-      return { toggling, line: toggling.amplitudes(series, at, COARSE_SIZE) };
-    };
-    const plain = this.#frequencies.map((frequency) => measured(new Wave(frequency)));
-    yield WEIGH_WORK;
+    const waves = this.#frequencies.map((frequency) => new Wave(frequency));
     let most = 0;
     let best = null;
     for (const layout of this.#layouts) {
-      if (!layout.code.isPlain && !coded) continue;
+      const { isPlain } = layout.code;
+      if (!isPlain && !coded) continue;
+      const series = roughSeries(views, layout);
+      const measured = (/** @type {Toggling} */ toggling) => {
+        return { toggling, line: toggling.amplitudes(series.frames, at, series.size) };
+      };
+      let ways = isPlain ? waves.map(measured) : [];
+      yield ROUGH_WORK;
       const blocks = expectedChanges(layout);
       for (const turn of [0, 2]) {
         const shown = turn ? blocks.slice().reverse() : blocks;
-        let ways = plain;
-        if (!layout.code.isPlain) {
+        if (!isPlain) {
           const { fps } = this.#watch;
-          ways = (yield* shiftedTogglings(views, shown, layout, at, fps)).map(measured);
+          ways = (yield* shiftedTogglings(series, shown, layout, at, fps)).map(measured);
         }
         for (const { toggling, line } of ways) {
           const fit = coarseShift(line, shown, layout, true);

@@ -12,9 +12,10 @@ import { pilotsSearchToggleMap } from "../../generated/constants.js";
 import { blurred } from "../../image/blur.js";
 import { call } from "../../image/opencv.js";
 import { roundHalfEven } from "../../image/round.js";
-import { areaMeans, resizeArea } from "../../image/shrink.js";
+import { resizeArea, shrunkByWhole } from "../../image/shrink.js";
 import { warped } from "../../image/warp.js";
-import { homographyFromCorners } from "../../link/geometry.js";
+import { homographyFromCorners, pixelsInOne, resizedHomography } from "../../link/geometry.js";
+import { inverse, multiply3 } from "../../link/linear.js";
 import { median, quantile } from "../../link/order.js";
 import { quadOf, upright } from "../../locate/quads.js";
 import { alongWave, spanOf, waves } from "../waves.js";
@@ -25,15 +26,14 @@ export const {
   LEAST_SHARE,
 } = pilotsSearchToggleMap;
 
-/** Number of places along each axis of a pixel at which small views are sampled. */
-const SAMPLES = 2;
-
 /** Tells how much each pixel toggles at each frequency, over the frames that were added. */
 export class ToggleMap {
   /** @type {BytePlane[]} */
   #stills = [];
   /** Positions of the frames. @type {number[]} */
   #at = [];
+  /** The frames, averaged down by whole factors. @type {Map<number, BytePlane[]>} */
+  #shrunk = new Map();
   /** @type {Map<number, FloatPlane>} */
   #logs = new Map();
   /** What each pixel adds to an outline, for each that was asked for. @type {FloatPlane[]} */
@@ -57,6 +57,7 @@ export class ToggleMap {
   add(still, at) {
     this.#stills.push(still);
     this.#at.push(at);
+    this.#shrunk.clear();
     this.#logs.clear();
     this.#gains = [];
   }
@@ -142,20 +143,31 @@ export class ToggleMap {
   }
 
   /**
-   * Show what a quadrilateral bounds in each frame, in small maps.
-   *
-   * Python averages over all pixels; here `SAMPLES` along each axis of a pixel of the maps are
-   * enough, since the frames were shrunk before.
+   * Show what a quadrilateral bounds in each frame, in small maps, as `rectify` does.
    *
    * @param {Point[]} quad - pixels of the map
    * @param {number} width - of the small maps
    * @param {number} height - of the small maps
-   * @returns {FloatPlane[]}
+   * @returns {BytePlane[]}
    */
   views(quad, width, height) {
-    const [across, down] = [SAMPLES * width, SAMPLES * height];
-    const H = homographyFromCorners(quad, across, down);
-    return this.#stills.map((still) => areaMeans(warped(still, H, across, down), width, height));
+    const factor = Math.max(1, Math.floor(pixelsInOne(quad, width, height)));
+    const H = homographyFromCorners(quad, width, height);
+    const HOnCopy = multiply3(inverse(resizedHomography(factor, factor)), H);
+    return this.#copies(factor).map((copy) => warped(copy, HOnCopy, width, height));
+  }
+
+  /**
+   * Average all frames down by a whole factor.
+   *
+   * @param {number} factor
+   * @returns {BytePlane[]}
+   */
+  #copies(factor) {
+    const known = this.#shrunk.get(factor);
+    const copies = known ?? this.#stills.map((still) => shrunkByWhole(still, factor));
+    this.#shrunk.set(factor, copies);
+    return copies;
   }
 
   /**
