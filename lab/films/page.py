@@ -64,8 +64,9 @@ RECEIVERS = ("python", "page")
 """Names of the two receivers."""
 VIEWS = (0.0, 45.0)
 """Angles between the camera and the normal of the display, degrees."""
-FILM_S = 6.0
-"""Length of a film, seconds."""
+FILM_S = 6.3
+"""Length of a film, seconds: three times the code of `hidden`, so that the code goes on where
+Chromium's camera plays the film again."""
 CAMERA_S = 90.0
 """Time, in seconds, that the page has before the camera until a film is given up."""
 FILMED_BY = ("data_gen.film.stream", "data_gen.frame_pair")

@@ -183,10 +183,17 @@ class PilotSearch:
         quads, usual = yield from proposer.all_quads()
         glances = []
         for number, quad in enumerate(quads):
-            glances.append(proposer.glance(quad))
+            evidence, proposal = proposer.glance(quad)
+            glances.append((evidence, proposal))
+            if evidence > PROMISING and (
+                found := (yield from self._weigh_and_settle(proposal, watch))
+            ):
+                return found
             if number % GLANCES == GLANCES - 1:
                 yield None
         for evidence, proposal in sorted(glances, key=lambda glance: -glance[0]):
+            if evidence > PROMISING:
+                continue
             if evidence <= HINT:
                 break
             if found := (yield from self._weigh_and_settle(proposal, watch)):

@@ -53,7 +53,10 @@ class Proposal:
 
 
 def weigh(
-    proposal: Proposal, frames: Sequence[HeldFrame], fps: float
+    proposal: Proposal,
+    frames: Sequence[HeldFrame],
+    fps: float,
+    known: dict[HeldFrame, NDArray[np.float32]] | None = None,
 ) -> tuple[float, TogglePattern]:
     """Weigh a proposal by frames in full.
 
@@ -61,16 +64,21 @@ def weigh(
         proposal: where a display may be, and what it may show.
         frames: frames of the film.
         fps: nominal number of frames of the camera in a second.
+        known: values of the proposal's pilots in frames by which it was weighed before; takes
+            those of the others.
 
     Returns:
         the evidence, before it pays for what was tried, and how its pilots toggle in the frames.
     """
-    values = []
+    known = {} if known is None else known
     for frame in frames:
+        if frame in known:
+            continue
         view = frame.view(proposal.corners, proposal.layout)
         if view is None:
             return 0.0, proposal.toggling
-        values.append(pilot_values(view, proposal.layout))
+        known[frame] = pilot_values(view, proposal.layout)
+    values = [known[frame] for frame in frames]
     return find_toggling(values, proposal.layout, positions(frames), fps)
 
 

@@ -4,6 +4,7 @@ from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from export.pilots.motion import map_size, moved_corners
 from export.pilots.search.all_blocks import BlockFit, block_maps
@@ -97,7 +98,8 @@ def settle(
     used = len(watch.frames)
     start, fit = best, (yield from _by_blocks(best, watch.frames[:used]))
     fitted = best if fit is None else _moved(best, fit)
-    now, toggling = weigh(fitted, frames, watch.fps)
+    known: dict[HeldFrame, NDArray[np.float32]] = {}
+    now, toggling = weigh(fitted, frames, watch.fps, known)
     now -= float(np.log(tried))
     yield None
     evidence = max(evidence, now)
@@ -105,15 +107,17 @@ def settle(
         return None
     if now >= NEARLY * needed:
         best = fitted
+    else:
+        known = {}
     if evidence < certain:  # corners were fitted to these frames; later ones must agree
         while len(agreeing := [*watch.frames[used:], *watch.later]) < watch.confirming:
             yield None
-        agreed = weigh(best, agreeing, watch.fps)
+        agreed = weigh(best, agreeing, watch.fps, known)
         if agreed[0] < CONFIRMED:
             return None
         if evidence < needed:  # all frames say more, unless some were worse than the later ones
             yield None
-            together = weigh(best, [*frames, *agreeing], watch.fps)
+            together = weigh(best, [*frames, *agreeing], watch.fps, known)
             evidence, toggling = max(agreed, together, key=lambda weighed: weighed[0])
             evidence -= float(np.log(2 * tried))
             yield None
@@ -122,12 +126,13 @@ def settle(
     k = 0.0
     if best is fitted and fit is not None:
         k = yield from _through_lens(fit, start, frames[0])
-        best = _moved(start, fit) if k else fitted
+        if k:
+            best, known = _moved(start, fit), {}
     seen = 0
     while layout.code != PLAIN:  # frames that have come meanwhile tell more of the clock
         if watch.seen > seen:
             seen = watch.seen
-            _, toggling = weigh(best, [*watch.frames, *watch.later], watch.fps)
+            _, toggling = weigh(best, [*watch.frames, *watch.later], watch.fps, known)
         if toggling.clear or len(watch.later) == watch.confirming:
             break
         yield None

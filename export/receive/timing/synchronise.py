@@ -154,7 +154,8 @@ class Synchroniser:
         while self._samples and self._samples[0][0] < oldest:
             self._samples.popleft()
         unconfirmed = time - self._confirmed_at
-        unsure = unconfirmed > 2 * REFIT_S and self.phase_error(time) > MAX_PHASE_ERROR
+        overdue = self._fit is not None and unconfirmed > 2 * REFIT_S
+        unsure = overdue and self.phase_error(time) > MAX_PHASE_ERROR
         if unsure or unconfirmed > HOLD_S:
             self.clock = None
         frames, seconds = (MIN_FRAMES, MIN_WINDOW_S) if self._code == PLAIN else CODED_WINDOW

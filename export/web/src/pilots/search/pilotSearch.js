@@ -36,12 +36,12 @@ const { PATIENCE_S, MOST_DOUBLED, SHIFTED, STEPS_HZ } = pilotsSearchPilotSearch;
  * Units of work (`steps.js`) from which on a frame has had its share, where a camera takes `STEPS_HZ`
  * frames a second or more; those of a slower one have time for more.
  */
-export const FRAME_WORK = 36;
+export const FRAME_WORK = 44;
 /**
  * Time, in milliseconds, after which a frame of a camera that does not wait has had its share, too:
  * the first frames take many times as long, as code is compiled while it runs.
  */
-export const FRAME_MS = 60;
+export const FRAME_MS = 100;
 /** Number of nominal frames from one frame to the next above which a frame is missing. */
 export const MISSING = 1.5;
 /** Units of work of the first watched frame. */
@@ -78,6 +78,10 @@ export class PilotSearch {
   #failed = 0;
   /** Largest evidence of a quadrilateral in this search, before it pays. */
   #surestSeen = 0;
+  /** Number of frames whose share of the work was done in this search. */
+  #spent = 0;
+  /** Whether something promising is looked at. */
+  #isPromising = false;
   /** What is looked at; null before the first frame. @type {Watch | null} */
   #watch = null;
   /** Null before the edges of the reference are known. @type {Proposer | null} */
@@ -120,14 +124,17 @@ export class PilotSearch {
     if (watch === null || !isFollowed) {
       const longer = this.#failed > 0 && this.layouts.some(({ code }) => !code.isPlain) ? 2 : 1;
       this.#watch = new Watch(gray, time, this.fps, this.pictureMoves, longer);
+      this.#isPromising = false;
       this.#work = this.#proposer = null;
-      this.#surestSeen = 0;
+      this.#surestSeen = this.#spent = 0;
       return null;
     }
-    if (watch.frames.length < watch.window) this.#proposer?.add();
+    const isWatching = this.#proposer !== null && watch.frames.length < watch.window;
+    if (isWatching) watch.add();
     this.#work ??= this.#search(watch);
     const most = FRAME_WORK * Math.max(1, Math.round(STEPS_HZ / this.fps));
-    let work = 0;
+    // what a camera that does not wait shows is looked at once all of it is there
+    let work = this.#isLate && isWatching ? most : 0;
     while (work < most) {
       const step = this.#work.next();
       if (!step.done) {
@@ -145,8 +152,10 @@ export class PilotSearch {
       const held = watch.held.slice(0, -1);
       return { layout, corners: newest, evidence, firstCorners: corners, k, clock, held };
     }
+    this.#spent += Math.min(1, work / most);
     const patience = PATIENCE_S * 2 ** Math.min(Math.floor(this.#failed / 2), MOST_DOUBLED);
-    return watch.seen > patience * this.fps ? this.#fail() : null;
+    const mustGoOn = this.#isLate && this.#isPromising;
+    return this.#spent > patience * this.fps && !mustGoOn ? this.#fail() : null;
   }
 
   /** Choose how the next search begins after one in vain. */
@@ -180,7 +189,7 @@ export class PilotSearch {
     const proposer = new Proposer(watch, edges, this.layouts);
     yield BEGIN_WORK;
     this.#proposer = proposer;
-    proposer.add();
+    watch.add();
     const promising = yield* proposer.promising();
     if (promising !== null) {
       const found = yield* this.#weighAndSettle(promising, watch);
@@ -194,10 +203,14 @@ export class PilotSearch {
     const { quads, usual } = yield* proposer.allQuads();
     const glances = [];
     for (const quad of quads) {
-      glances.push(proposer.glance(quad));
+      const glance = proposer.glance(quad);
+      glances.push(glance);
       yield GLANCE_WORK;
+      if (!(glance.evidence > PROMISING)) continue;
+      const found = yield* this.#weighAndSettle(glance.proposal, watch);
+      if (found !== null) return found;
     }
-    const hints = glances.filter(({ evidence }) => evidence > HINT);
+    const hints = glances.filter(({ evidence }) => evidence > HINT && evidence <= PROMISING);
     for (const { proposal: hint } of hints.sort((one, other) => other.evidence - one.evidence)) {
       const found = yield* this.#weighAndSettle(hint, watch);
       if (found !== null) return found;
@@ -258,8 +271,11 @@ export class PilotSearch {
    * @param {number} evidence
    * @param {Watch} watch
    */
-  #settle(proposal, evidence, watch) {
+  *#settle(proposal, evidence, watch) {
     this.#surestSeen = Math.max(this.#surestSeen, evidence);
-    return settleSteps(proposal, evidence, watch);
+    this.#isPromising = evidence > PROMISING;
+    const found = yield* settleSteps(proposal, evidence, watch);
+    this.#isPromising = false;
+    return found;
   }
 }

@@ -178,14 +178,24 @@ export function* viewSteps(corners, layout, frames, [width, height]) {
  * @param {Proposal} proposal
  * @param {readonly HeldFrame[]} frames
  * @param {number} fps - nominal number of frames of the camera in a second
+ * @param {Map<HeldFrame, Float32Array>} [known] - values of the proposal's pilots in frames by which
+ *   it was weighed before; takes those of the others
  * @returns {Steps<{ evidence: number, toggling: Toggling }>} the evidence, before it pays for what
  *   was tried, 0 where corners are not sound; and how the pilots toggle in the frames
  */
-export function* weighSteps({ corners, layout, toggling }, frames, fps) {
-  const size = /** @type {[number, number]} */ ([layout.width >> 1, layout.height >> 1]);
-  const views = yield* viewSteps(corners, layout, frames, size);
-  if (views === null) return { evidence: 0, toggling };
-  const values = views.map((view) => pilotValues(view, layout));
+export function* weighSteps({ corners, layout, toggling }, frames, fps, known = new Map()) {
+  const values = [];
+  for (const frame of frames) {
+    let shown = known.get(frame);
+    if (shown === undefined) {
+      const view = frame.view(corners, layout, layout.width >> 1, layout.height >> 1);
+      if (view === null) return { evidence: 0, toggling };
+      shown = pilotValues(view, layout);
+      known.set(frame, shown);
+      yield VIEW_WORK;
+    }
+    values.push(shown);
+  }
   return findToggling(values, layout, positions(frames), fps);
 }
 
@@ -236,16 +246,6 @@ export class Proposer {
     });
   }
 
-  /** Watch the newest frame. */
-  add() {
-    this.#watch.add();
-    const { newest } = this.#watch;
-    const { width, height } = this.#largest;
-    for (const { corners, quad } of this.#edges) {
-      quad.take(newest.view(corners, this.#largest, width >> 1, height >> 1), newest.at);
-    }
-  }
-
   /**
    * Wait until a quadrilateral of edges toggles promisingly, or the window is full.
    *
@@ -253,8 +253,17 @@ export class Proposer {
    */
   *promising() {
     const { frames, window } = this.#watch;
+    const { width, height } = this.#largest;
     const every = Math.floor(window / 4);
+    let taken = 0;
     for (;;) {
+      for (; taken < frames.length; taken++) {
+        const { at } = frames[taken];
+        for (const { corners, quad } of this.#edges) {
+          quad.take(frames[taken].view(corners, this.#largest, width >> 1, height >> 1), at);
+          yield VIEW_WORK;
+        }
+      }
       const count = frames.length;
       if (count >= 2 * every && count % every === 0) {
         let most = PROMISING;

@@ -79,20 +79,23 @@ export function* settleSteps(proposal, first, watch) {
   const used = watch.frames.length;
   const fit = yield* byBlocks(start, watch.frames.slice(0, used));
   const fitted = fit === null ? start : moved(start, fit);
-  let weighed = yield* weighSteps(fitted, frames, watch.fps);
+  /** Values of the pilots, where corners are now. @type {Map<HeldFrame, Float32Array>} */
+  let known = new Map();
+  let weighed = yield* weighSteps(fitted, frames, watch.fps, known);
   const now = weighed.evidence - Math.log(tried);
   evidence = Math.max(evidence, now);
   if (evidence < NEARLY * needed) return null;
   if (now >= NEARLY * needed) best = fitted;
+  else known = new Map();
   if (evidence < certain) {
     // corners were fitted to these frames; later ones must agree
     while (watch.all.length < used + watch.confirming) yield NEXT_FRAME;
     const agreeing = watch.all.slice(used);
-    const agreed = yield* weighSteps(best, agreeing, watch.fps);
+    const agreed = yield* weighSteps(best, agreeing, watch.fps, known);
     if (agreed.evidence < CONFIRMED) return null;
     if (evidence < needed) {
       // all frames say more, unless some were worse than the later ones
-      weighed = yield* weighSteps(best, [...frames, ...agreeing], watch.fps);
+      weighed = yield* weighSteps(best, [...frames, ...agreeing], watch.fps, known);
       if (agreed.evidence >= weighed.evidence) weighed = agreed;
       evidence = weighed.evidence - Math.log(2 * tried);
     }
@@ -100,13 +103,16 @@ export function* settleSteps(proposal, first, watch) {
   if (evidence < needed) return null;
   const isFitted = best === fitted && fit !== null;
   const k = isFitted ? yield* throughLens(fit, start, frames[0]) : 0;
-  if (isFitted && k !== 0) best = moved(start, fit);
+  if (isFitted && k !== 0) {
+    best = moved(start, fit);
+    known = new Map();
+  }
   let seen = 0;
   while (!layout.code.isPlain) {
     // frames that have come meanwhile tell more of the clock
     if (watch.seen > seen) {
       seen = watch.seen;
-      weighed = yield* weighSteps(best, watch.all, watch.fps);
+      weighed = yield* weighSteps(best, watch.all, watch.fps, known);
     }
     const later = watch.seen - watch.frames.length;
     if (weighed.toggling.clear || later >= watch.confirming) break;

@@ -128,7 +128,8 @@ export class Synchroniser {
     while (old < samples.length && samples[old].time < oldest) old++;
     samples.splice(0, old);
     const unconfirmed = time - this.#confirmedAt;
-    const unsure = unconfirmed > 2 * REFIT_S && this.phaseError(time) > MAX_PHASE_ERROR;
+    const isOverdue = this.#fit !== null && unconfirmed > 2 * REFIT_S;
+    const unsure = isOverdue && this.phaseError(time) > MAX_PHASE_ERROR;
     if (unsure || unconfirmed > HOLD_S) this.clock = null;
     const [frames, seconds] = this.code.isPlain ? [MIN_FRAMES, MIN_WINDOW_S] : CODED_WINDOW;
     const enough = samples.length >= frames && time - samples[0].time >= seconds;
