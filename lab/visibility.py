@@ -1,5 +1,6 @@
 """How visible the presets and other settings are, as contrast over threshold; about a minute."""
 
+import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,12 +10,12 @@ import numpy as np
 from export.visibility.flicker import (
     Visibility,
     contrast_over_threshold,
-    largest_kappa,
     random_message,
 )
 from export.visibility.line_code import shown_amplitudes
 from export.visibility.viewing import PICTURE_LEVELS, Viewing, Where
 from lab.study import Study, StudyFlags, Tables, Workshop, blocks_of_tables
+from link.embed import MAX_KAPPA
 from link.errors import ParameterError
 from link.layout import make_layout
 from link.presets import PRESETS, Preset
@@ -170,8 +171,10 @@ def kappa_table(seed: int, seconds: float, limit: float = 1.0) -> Table:
         cells = []
         for states, refreshes in RATES:
             viewing = Viewing(*grid, states_hz=states, refresh_hz=refreshes, whole_levels=True)
-            rng = np.random.default_rng(seed)
-            found = largest_kappa(viewing, limit, rng, seconds=seconds)
+            shown = random_message(viewing, "toggle", np.random.default_rng(seed), seconds)
+            views = (replace(viewing, kappa=kappa) for kappa in range(1, MAX_KAPPA + 1))
+            highs = [contrast_over_threshold(shown, view).high for view in views]
+            found = bisect.bisect_right(highs, limit)
             cells.append(str(found) if found else "–")
         rows.append([f"{grid[0]} × {grid[1]}", *cells])
     return Table(["grid", *(f"{s} of {r}" for s, r in RATES)], rows)

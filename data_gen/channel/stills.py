@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from data_gen.channel.composition import Shot, Viewpoint
 from data_gen.channel.display import fall_to_corners, room_light
+from data_gen.channel.metering import metered_gain
 from data_gen.channel.optics import (
     CAPTURE_HEIGHT,
     CAPTURE_WIDTH,
@@ -14,7 +15,6 @@ from data_gen.channel.optics import (
     residual_motion,
     view_angles,
 )
-from data_gen.channel.transfer import metered_gain
 from data_gen.parameters import Pair
 from link.frames import Captured, Displayed
 from link.geometry import frame_corners, resized_homography, transform

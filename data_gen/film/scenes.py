@@ -15,6 +15,7 @@ from tyro.conf import Fixed, Suppress
 
 from data_gen.channel.composition import Layer, Viewpoint, repeat_channels
 from data_gen.channel.display import Light, emitted_light, fall_to_corners, room_light
+from data_gen.channel.metering import metered_gain
 from data_gen.channel.optics import (
     CAPTURE_WIDTH,
     Pose,
@@ -23,7 +24,6 @@ from data_gen.channel.optics import (
     scene_camera,
     view_angles,
 )
-from data_gen.channel.transfer import metered_gain
 from data_gen.film.rooms import DESK_Y, HAZE_ROOM, ROOMS, RoomCanvas, RoomPainter
 from data_gen.parameters import Pair
 from data_gen.pictures.library import Picture
@@ -157,12 +157,6 @@ class Scene:
     """Projection (3, 4) of the camera, as `optics.scene_camera` gives it."""
     painted: PaintedRoom
     """The room around the picture."""
-
-    @property
-    def background(self) -> Light:
-        """The canvas within the image, (height, width, 3)."""
-        (width, height), margin = self.size, self.painted.margin
-        return self.painted.light[margin : margin + height, margin : margin + width]
 
     @property
     def corners(self) -> NDArray[np.float64]:

@@ -27,7 +27,7 @@ seen more often than not.
   (`where="screen"`) is the upper end of what many blocks together can do.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,8 +36,7 @@ from export.visibility.chroma import colour_over_threshold, opponent_change
 from export.visibility.elatcsf import flicker_sensitivity
 from export.visibility.line_code import shown_amplitudes
 from export.visibility.viewing import Viewing, Where
-from link.embed import MAX_KAPPA
-from link.errors import InputError, ParameterError
+from link.errors import InputError
 from link.layout import LUMINANCE_FROM_RGB
 from link.types import Array
 
@@ -45,8 +44,6 @@ WINDOW_S = 0.5
 """Length of the windows in which flicker is judged, in seconds."""
 HIGHEST_HZ = 120.0
 """Highest temporal frequency that is counted, in Hz."""
-FAR_ABOVE = 3.0
-"""Multiple of a limit above which no larger kappa is tried; rounding does less than that."""
 QUANTILE = 0.95
 """Share of the windows of a random message that lie below what is called its high end."""
 
@@ -173,47 +170,3 @@ def random_message(
     wanted = round(seconds * viewing.refresh_hz)
     bits = rng.integers(0, 2, wanted // (2 * viewing.refreshes) + 2)
     return shown_amplitudes(line_code, bits, viewing.refreshes)[:wanted]
-
-
-def largest_kappa(
-    viewing: Viewing,
-    limit: float,
-    rng: np.random.Generator,
-    line_code: str = "toggle",
-    seconds: float = 60.0,
-    where: Where = "block",
-) -> int:
-    """Find the largest whole kappa whose random messages stay below a contrast over threshold.
-
-    All kappas are judged on the same message, by `Visibility.high`: 95 % of its half seconds stay
-    at or below the limit, for this kappa. A smaller one may not, where levels are whole.
-
-    Args:
-        viewing: display, picture and viewer; its own kappa is not used.
-        limit: contrast over threshold that is allowed, above 0; 1 is just seen.
-        rng: draws the message.
-        line_code: key of `export.visibility.line_code.LINE_CODES`.
-        seconds: length of the message, in seconds.
-        where: "block" or "screen", as in `contrast_over_threshold`.
-
-    Returns:
-        a whole number from 1 to `link.embed.MAX_KAPPA`, or 0 where even 1 is too visible.
-
-    Raises:
-        ParameterError: the limit is not above 0.
-
-    >>> fine = Viewing(rows=48, cols=64, states_hz=60)
-    >>> largest_kappa(fine, 1.0, np.random.default_rng(0), seconds=10)
-    1
-    """
-    if not limit > 0:
-        raise ParameterError("limit", f"need a contrast over threshold above 0, got {limit}")
-    shown = random_message(viewing, line_code, rng, seconds)
-    found = 0
-    for kappa in range(1, MAX_KAPPA + 1):
-        seen = contrast_over_threshold(shown, replace(viewing, kappa=kappa), where)
-        if seen.high <= limit:
-            found = kappa
-        elif seen.high > FAR_ABOVE * limit:
-            break
-    return found

@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 from tolerances import CDTF_LEVELS, FLOAT32, IDENTITY_LEVELS
 
 from data_gen.channel import composition, panel
+from data_gen.channel.camera import collect, response_curve
 from data_gen.channel.composition import Shot
+from data_gen.channel.display import emitted_light
+from data_gen.channel.metering import metered_gain
 from data_gen.channel.optics import CAPTURE_HEIGHT, CAPTURE_WIDTH
 from data_gen.channel.stills import capture, draw_shots
-from data_gen.channel.transfer import cdtf, metered_gain
 from data_gen.effects import EFFECTS, switch_off, with_parameter
 from data_gen.film import stream
 from data_gen.film.scenes import SceneSettings, draw_scene
@@ -26,7 +28,7 @@ from data_gen.parameters import Pair
 from link.embed import embed
 from link.frames import Captured, Displayed
 from link.layout import make_layout
-from link.types import Image
+from link.types import Array, Image
 
 SCENE = scene()
 
@@ -35,6 +37,16 @@ SCENE = scene()
 def displayed() -> Displayed:
     """Of the usual size."""
     return scene(make_layout())
+
+
+def cdtf(pair: Pair, view_deg: float) -> Array:
+    """Captured R, G, B (256, 3) of all displayed grays at the picture's centre, in a dark room."""
+    grays = np.repeat(np.arange(256, dtype=np.uint8), 3).reshape(256, 1, 1, 3)
+    light = emitted_light(grays, pair.display, np.full((1, 1), np.radians(view_deg)))[:, 0]
+    exposure = collect(light, pair.camera, pair.crosstalk, metered_gain(pair, view_deg))
+    raw = np.clip(np.minimum(exposure, 1.0)[:, 0] @ np.array(pair.camera.color_matrix).T, 0, 1)
+    table = response_curve(pair.camera.tone_curve, pair.camera.encoding)
+    return np.asarray(np.interp(raw, np.linspace(0, 1, len(table)), table), np.float64)
 
 
 def inside(captured: Captured) -> bool:

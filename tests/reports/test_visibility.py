@@ -18,7 +18,6 @@ from export.visibility.elatcsf import (
 from export.visibility.flicker import (
     contrast_over_threshold,
     flicker_spectrum,
-    largest_kappa,
     random_message,
 )
 from export.visibility.viewing import COLOUR_LEVELS, Viewing
@@ -253,22 +252,3 @@ def test_colour_flicker_fuses_below_luminance_flicker() -> None:
 def test_a_change_of_gray_is_no_change_of_colour() -> None:
     light = np.outer(rng().uniform(0.5, 1, 20), [1.0, 0.7, 0.2])
     assert np.abs(opponent_change(light)).max() < 1e-12
-
-
-# The largest kappa
-
-
-@pytest.mark.parametrize("code", ["on_off", "toggle"])
-def test_the_largest_kappa_stays_below_and_the_next_does_not(code: str) -> None:
-    limit = 4.0
-    kappa = largest_kappa(FINE, limit, rng(), code, 5)
-    below, above = (
-        message_visibility(replace(FINE, kappa=k), code, rng(), 5).high for k in (kappa, kappa + 1)
-    )
-    assert below <= limit < above
-
-
-def test_no_kappa_may_be_small_enough() -> None:
-    assert largest_kappa(Viewing(states_hz=15), 0.5, rng(), seconds=2) == 0
-    with pytest.raises(ParameterError, match="limit"):
-        largest_kappa(FINE, 0.0, rng())

@@ -225,7 +225,7 @@ class PilotSearch:
                 yield None
                 if fit is None:
                     continue
-                evidence = proposer.glance_at(fit)
+                evidence, _ = proposer.surest_in(fit.corners, [fit.layout])
                 if evidence <= HINT:
                     doubtful.append((evidence, fit))
                 elif found := (yield from self._settle(fit, evidence, watch)):

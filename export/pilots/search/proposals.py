@@ -199,20 +199,15 @@ class Proposer:
         Returns:
             the evidence, before it pays, and what it speaks for.
         """
-        ways = []
-        for corners in (quad, np.roll(quad, -1, axis=0)):
-            watched = Watched(corners, self._layouts, self._fps)
-            for view in self._watch.small_views(corners, self._finest):
-                watched.take(view)
-            ways.append(watched.surest(positions(self._watch.frames)))
+        ways = [self.surest_in(corners, self._layouts) for corners in (quad, np.roll(quad, -1, 0))]
         return max(ways, key=lambda way: way[0])
 
-    def glance_at(self, proposal: Proposal) -> float:
-        """Weigh a proposal by small views: the evidence, before it pays."""
-        layout = proposal.layout
-        views = self._watch.small_views(proposal.corners, self._finest)
-        values = [pilot_values(view, layout) for view in views]
-        return find_toggling(values, layout, positions(self._watch.frames), self._fps)[0]
+    def surest_in(self, corners: Array, layouts: Sequence[Layout]) -> tuple[float, Proposal]:
+        """Choose the layout, upright or upside down, that is surest in small views of corners."""
+        watched = Watched(corners, layouts, self._fps)
+        for view in self._watch.small_views(corners, self._finest):
+            watched.take(view)
+        return watched.surest(positions(self._watch.frames))
 
     def ranked(self, quads: list[Array], evidence: list[float], usual: int) -> list[int]:
         """Choose the quadrilaterals to which the pilots are fitted, and their order.

@@ -4,11 +4,12 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { expose } from "comlink";
+import { turned } from "../src/image/turned.js";
 import { adviceFor, barOf, shareOf, stateOf } from "../src/page/advice.js";
 import { shortenExposure } from "../src/page/camera.js";
 import { risingTimes } from "../src/page/films.js";
 import { rateOf } from "../src/page/frames.js";
-import { planeOfFrame, planeOfRgba, turned } from "../src/page/planes.js";
+import { planeOfFrame, planeOfRgba } from "../src/page/planes.js";
 import { Reception } from "../src/page/reception.js";
 import { linkOf, noteOf } from "../src/page/text.js";
 

@@ -5,6 +5,7 @@
 
 import { expose } from "comlink";
 import { loadOpenCv } from "../image/opencv.js";
+import { turned } from "../image/turned.js";
 import { Verifier } from "../link/code/authenticate.js";
 import { equalBytes } from "../link/code/bits.js";
 import { Layout } from "../link/layout.js";
@@ -14,7 +15,7 @@ import { Inbox } from "../receive/inbox.js";
 import { Receiver } from "../receive/receiver.js";
 import { warmUp } from "../receive/warm.js";
 import { inTurn } from "./inTurn.js";
-import { planeOfFrame, planeOfRgba, turned } from "./planes.js";
+import { planeOfFrame, planeOfRgba } from "./planes.js";
 import { MAX_RECORDED_BYTES, recordingFile } from "./recording.js";
 import { RemoteDecoder, remoteFilm, startDecoding } from "./remoteDecoder.js";
 import { addressOf, load } from "./site.js";

@@ -2,6 +2,7 @@
 
 import { pilotsSearchProposals } from "../../generated/constants.js";
 import { equalised } from "../../image/levels.js";
+import { turned } from "../../image/turned.js";
 import { candidateSteps } from "../../locate/candidates.js";
 import { frameCorners, homographyFromCorners, transform } from "../../link/geometry.js";
 import { rolled } from "../../locate/quads.js";
@@ -88,10 +89,10 @@ export class Watched {
   take(view, at) {
     this.#at.push(at);
     this.#quarters.forEach((quarter, number) => {
-      const turned = view !== null && quarter === 1 ? turnedLeft(view) : view;
+      const shown = view && turned(view, quarter === 1 ? 270 : 0);
       this.#layouts.forEach((layout, i) => {
         const nothing = new Float32Array(layout.rows * layout.cols);
-        this.#blocks[number][i].push(turned === null ? nothing : standingOut(turned, layout));
+        this.#blocks[number][i].push(shown === null ? nothing : standingOut(shown, layout));
       });
     });
   }
@@ -116,20 +117,6 @@ export class Watched {
     );
     return found.reduce((best, each) => (each.evidence > best.evidence ? each : best));
   }
-}
-
-/**
- * Turn an image to the left by a quarter turn.
- *
- * @param {AnyPlane} plane
- * @returns {FloatPlane}
- */
-function turnedLeft({ width, height, data }) {
-  const turned = new Float32Array(data.length);
-  for (let y = 0, i = 0; y < width; y++) {
-    for (let x = 0; x < height; x++, i++) turned[i] = data[x * width + width - 1 - y];
-  }
-  return { width: height, height: width, data: turned };
 }
 
 /**
