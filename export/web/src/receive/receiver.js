@@ -97,11 +97,6 @@ export class Receiver {
     return this.#reader.collector.progress;
   }
 
-  /** Number of frames that showed again what the frame before showed, and were skipped. */
-  get repeated() {
-    return this.#repeats.count;
-  }
-
   /** Whether the display's clock is known. */
   get synchronised() {
     return this.#reader.sync.clock !== null;

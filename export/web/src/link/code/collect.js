@@ -19,9 +19,7 @@ import { isFine } from "./framing.js";
  * received, as a share of what is needed: about 1 when the message is whole, and 1 while the
  * display goes on showing a message that was returned. Decoding a long message takes as long as
  * several camera frames: `add` takes a number of units of work after which it leaves decoding to
- * `goOn`, and `decoding` says whether there is any to go on with. `attempts` counts how often decoding was
- * tried, and `collecting` says whether scores are kept that may be those of a message not returned
- * yet.
+ * `goOn`, and `decoding` says whether there is any to go on with.
  *
  * @typedef {CoarseCollector | FineCollector} Collector
  */

@@ -204,13 +204,6 @@ export class CoarseCollector {
     this.nBits = nBits;
     /** Information received, as a share of what is needed. */
     this.progress = 0;
-    /** Number of times that decoding was tried. */
-    this.attempts = 0;
-  }
-
-  /** Whether scores are kept that may be those of a message not returned yet. */
-  get collecting() {
-    return this.#loop !== null;
   }
 
   /** Whether decoding is under way: never, for a coarse grid is decoded at once. */
@@ -320,7 +313,6 @@ export class CoarseCollector {
    */
   #try(loop) {
     const known = this.#delivered;
-    this.attempts += 1;
     loop.tried = this.progress;
     const content = decode(loop.sums, this.nBits);
     if (content === null) return null;

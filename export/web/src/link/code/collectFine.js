@@ -123,13 +123,6 @@ export class FineCollector {
     this.nBits = nBits;
     /** Information received, as a share of what is needed. */
     this.progress = 0;
-    /** Number of times that decoding was tried. */
-    this.attempts = 0;
-  }
-
-  /** Whether scores are kept that may be those of a message not returned yet. */
-  get collecting() {
-    return this.#loop !== null || this.#attempt !== null;
   }
 
   /** Whether decoding is under way, which `goOn` goes on with. */
@@ -310,7 +303,6 @@ export class FineCollector {
     for (let spent = 0; ; ) {
       if (this.#attempt === null) {
         if (this.#loop === null || !this.#due) return null;
-        this.attempts += 1;
         this.#due = false;
         this.#loop.tried = this.#loop.progress;
         const steps = codedDecodingSteps(this.#loop.sums, this.#loop.terms);

@@ -107,8 +107,9 @@ export class Watched {
     const found = this.#quarters.flatMap((quarter, number) =>
       this.#layouts.flatMap((layout, i) =>
         [0, 2].map((half) => {
-          const picked = half === 0 ? layout.pilotBlocks : opposite(layout);
-          const values = this.#blocks[number][i].map((blocks) => chosen(blocks, picked));
+          const values = this.#blocks[number][i].map((blocks) =>
+            chosen(half === 0 ? blocks : blocks.slice().reverse(), layout.pilotBlocks),
+          );
           const { evidence, toggling } = findToggling(values, layout, this.#at, this.#fps);
           const corners = rolled(this.#corners, quarter + half);
           return { evidence, proposal: { corners, layout, toggling } };
@@ -117,16 +118,6 @@ export class Watched {
     );
     return found.reduce((best, each) => (each.evidence > best.evidence ? each : best));
   }
-}
-
-/**
- * List the blocks at which the pilots lie where a display is upside down.
- *
- * @param {Layout} layout
- * @returns {Int32Array}
- */
-function opposite({ rows, cols, pilotBlocks }) {
-  return Int32Array.from(pilotBlocks, (block) => rows * cols - 1 - block);
 }
 
 /**
