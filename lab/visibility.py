@@ -1,6 +1,5 @@
 """How visible the presets and other settings are, as contrast over threshold; about a minute."""
 
-import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -173,8 +172,8 @@ def kappa_table(seed: int, seconds: float, limit: float = 1.0) -> Table:
             viewing = Viewing(*grid, states_hz=states, refresh_hz=refreshes, whole_levels=True)
             shown = random_message(viewing, "toggle", np.random.default_rng(seed), seconds)
             views = (replace(viewing, kappa=kappa) for kappa in range(1, MAX_KAPPA + 1))
-            highs = [contrast_over_threshold(shown, view).high for view in views]
-            found = bisect.bisect_right(highs, limit)
+            hidden = (v.kappa for v in views if contrast_over_threshold(shown, v).high <= limit)
+            found = max(hidden, default=0)
             cells.append(str(found) if found else "–")
         rows.append([f"{grid[0]} × {grid[1]}", *cells])
     return Table(["grid", *(f"{s} of {r}" for s, r in RATES)], rows)

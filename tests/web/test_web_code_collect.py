@@ -35,7 +35,8 @@ def compare(port: Port, rows: Array, starts: Iterable[int] = (), counts: Iterabl
             collector.start_run()
             ported.startRun()
         known, found = collector.add(row, count), ported.add(row, count)
-        same(ported.progress, collector.progress, FLOAT32_SUM)
+        step = [ported.progress, ported.attempts]
+        same(step, [collector.progress, collector.attempts], FLOAT32_SUM)
         assert (found is None) == (known is None), f"message at row {at}"
         if known is not None:
             messages += 1

@@ -181,24 +181,21 @@ class PilotSearch:
         if found := (yield from self._fit(strongest, proposer, watch, doubtful)):
             return found
         quads, usual = yield from proposer.all_quads()
-        glances = []
+        evidences, hints = [], []
         for number, quad in enumerate(quads):
             evidence, proposal = proposer.glance(quad)
-            glances.append((evidence, proposal))
-            if evidence > PROMISING and (
-                found := (yield from self._weigh_and_settle(proposal, watch))
-            ):
-                return found
+            evidences.append(evidence)
+            if evidence > PROMISING:
+                if found := (yield from self._weigh_and_settle(proposal, watch)):
+                    return found
+            elif evidence > HINT:
+                hints.append((evidence, proposal))
             if number % GLANCES == GLANCES - 1:
                 yield None
-        for evidence, proposal in sorted(glances, key=lambda glance: -glance[0]):
-            if evidence > PROMISING:
-                continue
-            if evidence <= HINT:
-                break
+        for _, proposal in sorted(hints, key=lambda hint: -hint[0]):
             if found := (yield from self._weigh_and_settle(proposal, watch)):
                 return found
-        ranked = proposer.ranked(quads, [evidence for evidence, _ in glances], usual)
+        ranked = proposer.ranked(quads, evidences, usual)
         tried = {id(quad) for quad in strongest}
         left = [quads[number] for number in ranked if id(quads[number]) not in tried]
         if found := (yield from self._fit(left, proposer, watch, doubtful)):

@@ -100,7 +100,9 @@ class Watched:
         fps: float,
         quarters: Sequence[int] = (0,),
     ) -> None:
-        self._corners, self._layouts, self._fps = corners, layouts, fps
+        self.corners = corners
+        """Corners as they were given."""
+        self._layouts, self._fps = layouts, fps
         # what blocks show in each frame, for each number of quarter turns and layout
         self._blocks = {
             (quarter, number): list[Map]() for quarter in quarters for number in range(len(layouts))
@@ -128,7 +130,7 @@ class Watched:
                 turned = values[:, ::-1] if half else values
                 picked = list(turned[:, layout.pilot_blocks])
                 evidence, toggling = find_toggling(picked, layout, at, self._fps)
-                corners = np.roll(self._corners, -quarter - half, axis=0)
+                corners = np.roll(self.corners, -quarter - half, axis=0)
                 found.append((evidence, Proposal(corners, layout, toggling)))
         return max(found, key=lambda each: each[0])
 
@@ -154,23 +156,23 @@ class Proposer:
         self._frequencies = sorted({float(f) for f in np.minimum(periods, 1 - periods) if f > 0})
         within = display_candidates(watch.reference, CANDIDATES)
         leaving = leaving_quads(watch.reference, LEAVING)
-        self._edges = [*(candidate.corners for candidate in within), *leaving]
-        self.strongest = self._edges[:STRONGEST]
+        edges = [*(candidate.corners for candidate in within), *leaving]
+        self.strongest = edges[:STRONGEST]
         """Quadrilaterals of the strongest edges, (4, 2) pixels of the reference frame each."""
-        self._watched = [Watched(corners, layouts, fps, (0, 1)) for corners in self._edges]
+        self._edges = [Watched(corners, layouts, fps, (0, 1)) for corners in edges]
 
     def add(self, frame: HeldFrame) -> None:
         """Take what the edges bound in the next frame."""
         size = 2 * self._finest[0], 2 * self._finest[1]
-        for corners, watched in zip(self._edges, self._watched, strict=True):
-            view = frame.view(corners, self._largest)
+        for quad in self._edges:
+            view = frame.view(quad.corners, self._largest)
             shown = np.zeros((2, 2), np.uint8) if view is None else view
-            watched.take(cv2.resize(shown, size, interpolation=cv2.INTER_AREA))
+            quad.take(cv2.resize(shown, size, interpolation=cv2.INTER_AREA))
 
     def promising(self) -> Proposal | None:
         """Choose the quadrilateral of edges that toggles most surely, where it is promising."""
         at = positions(self._watch.frames)
-        surest = [watched.surest(at) for watched in self._watched]
+        surest = [quad.surest(at) for quad in self._edges]
         evidence, proposal = max(surest, key=lambda found: found[0], default=(0.0, None))
         return proposal if evidence > PROMISING else None
 
@@ -188,7 +190,7 @@ class Proposer:
             yield None
             if outline is not None:
                 outlines.append(self._watch.on_image(outline))
-        edges = _by_turns(faint[:CANDIDATES], self._edges)
+        edges = _by_turns(faint[:CANDIDATES], [quad.corners for quad in self._edges])
         usual = [*edges, *outlines]
         framed = [inset(quad, FRAME_SHARE) for quad in edges]
         return [*usual, *framed, *faint[CANDIDATES:]], len(usual)

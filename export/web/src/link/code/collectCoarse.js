@@ -204,6 +204,8 @@ export class CoarseCollector {
     this.nBits = nBits;
     /** Information received, as a share of what is needed. */
     this.progress = 0;
+    /** Number of times that decoding was tried. */
+    this.attempts = 0;
   }
 
   /** Whether decoding is under way: never, for a coarse grid is decoded at once. */
@@ -313,6 +315,7 @@ export class CoarseCollector {
    */
   #try(loop) {
     const known = this.#delivered;
+    this.attempts += 1;
     loop.tried = this.progress;
     const content = decode(loop.sums, this.nBits);
     if (content === null) return null;

@@ -123,6 +123,8 @@ export class FineCollector {
     this.nBits = nBits;
     /** Information received, as a share of what is needed. */
     this.progress = 0;
+    /** Number of times that decoding was tried. */
+    this.attempts = 0;
   }
 
   /** Whether decoding is under way, which `goOn` goes on with. */
@@ -303,6 +305,7 @@ export class FineCollector {
     for (let spent = 0; ; ) {
       if (this.#attempt === null) {
         if (this.#loop === null || !this.#due) return null;
+        this.attempts += 1;
         this.#due = false;
         this.#loop.tried = this.#loop.progress;
         const steps = codedDecodingSteps(this.#loop.sums, this.#loop.terms);

@@ -201,21 +201,22 @@ export class PilotSearch {
     const soon = yield* this.#fit(strongest, proposer, watch, doubtful);
     if (soon !== null) return soon;
     const { quads, usual } = yield* proposer.allQuads();
-    const glances = [];
+    const evidences = /** @type {number[]} */ ([]);
+    /** @type {ReturnType<Proposer["glance"]>[]} */
+    const hints = [];
     for (const quad of quads) {
       const glance = proposer.glance(quad);
-      glances.push(glance);
+      evidences.push(glance.evidence);
       yield GLANCE_WORK;
-      if (!(glance.evidence > PROMISING)) continue;
-      const found = yield* this.#weighAndSettle(glance.proposal, watch);
-      if (found !== null) return found;
+      if (glance.evidence > PROMISING) {
+        const found = yield* this.#weighAndSettle(glance.proposal, watch);
+        if (found !== null) return found;
+      } else if (glance.evidence > HINT) hints.push(glance);
     }
-    const hints = glances.filter(({ evidence }) => evidence > HINT && evidence <= PROMISING);
     for (const { proposal: hint } of hints.sort((one, other) => other.evidence - one.evidence)) {
       const found = yield* this.#weighAndSettle(hint, watch);
       if (found !== null) return found;
     }
-    const evidences = glances.map(({ evidence }) => evidence);
     const ranked = proposer.ranked(quads, evidences, usual).map((number) => quads[number]);
     const left = ranked.filter((quad) => !strongest.includes(quad));
     const late = yield* this.#fit(left, proposer, watch, doubtful);

@@ -56,7 +56,6 @@ function byTurns(first, second) {
 
 /** A quadrilateral, and how pilots toggle where it is a display. */
 export class Watched {
-  #corners;
   #layouts;
   #fps;
   #quarters;
@@ -73,7 +72,7 @@ export class Watched {
    *   it may be upright or upside down
    */
   constructor(corners, layouts, fps, quarters = [0]) {
-    this.#corners = corners;
+    this.corners = corners;
     this.#layouts = layouts;
     this.#fps = fps;
     this.#quarters = quarters;
@@ -89,10 +88,11 @@ export class Watched {
   take(view, at) {
     this.#at.push(at);
     this.#quarters.forEach((quarter, number) => {
-      const shown = view && turned(view, quarter === 1 ? 270 : 0);
+      const shown = view && turned(view, 270 * quarter);
       this.#layouts.forEach((layout, i) => {
-        const nothing = new Float32Array(layout.rows * layout.cols);
-        this.#blocks[number][i].push(shown === null ? nothing : standingOut(shown, layout));
+        const { rows, cols } = layout;
+        const blocks = shown ? standingOut(shown, layout) : new Float32Array(rows * cols);
+        this.#blocks[number][i].push(blocks);
       });
     });
   }
@@ -111,7 +111,7 @@ export class Watched {
             chosen(half === 0 ? blocks : blocks.slice().reverse(), layout.pilotBlocks),
           );
           const { evidence, toggling } = findToggling(values, layout, this.#at, this.#fps);
-          const corners = rolled(this.#corners, quarter + half);
+          const corners = rolled(this.corners, quarter + half);
           return { evidence, proposal: { corners, layout, toggling } };
         }),
       ),
@@ -128,26 +128,6 @@ function chosen(values, picked) {
   const result = new Float32Array(picked.length);
   for (let i = 0; i < result.length; i++) result[i] = values[picked[i]];
   return result;
-}
-
-/**
- * Rectify all frames to maps of a size, step by step.
- *
- * @param {Point[]} corners - in the reference frame
- * @param {Layout} layout
- * @param {readonly HeldFrame[]} frames
- * @param {[number, number]} size - width and height
- * @returns {Steps<FloatPlane[] | null>} null where corners are not sound
- */
-export function* viewSteps(corners, layout, frames, [width, height]) {
-  const views = [];
-  for (const frame of frames) {
-    const view = frame.view(corners, layout, width, height);
-    if (view === null) return null;
-    views.push(view);
-    yield VIEW_WORK;
-  }
-  return views;
 }
 
 /**
@@ -199,7 +179,7 @@ export class Proposer {
   #finest;
   /** Frequencies at which displays may toggle, in periods for each nominal frame. */
   #frequencies;
-  /** Quadrilaterals of edges, and how they toggle. @type {{ corners: Point[], quad: Watched }[]} */
+  /** Quadrilaterals of edges, watched in each frame. @type {Watched[]} */
   #edges;
 
   /**
@@ -219,9 +199,7 @@ export class Proposer {
     const periods = STATES_HZ.map((rate) => (rate / 2 / watch.fps) % 1);
     const folded = periods.map((period) => Math.min(period, 1 - period));
     this.#frequencies = [...new Set(folded)].filter((period) => period > 0).sort((a, b) => a - b);
-    this.#edges = edges.map((corners) => {
-      return { corners, quad: new Watched(corners, layouts, watch.fps, [0, 1]) };
-    });
+    this.#edges = edges.map((corners) => new Watched(corners, layouts, watch.fps, [0, 1]));
   }
 
   /**
@@ -236,9 +214,9 @@ export class Proposer {
     let taken = 0;
     for (;;) {
       for (; taken < frames.length; taken++) {
-        const { at } = frames[taken];
-        for (const { corners, quad } of this.#edges) {
-          quad.take(frames[taken].view(corners, this.#largest, width >> 1, height >> 1), at);
+        const frame = frames[taken];
+        for (const quad of this.#edges) {
+          quad.take(frame.view(quad.corners, this.#largest, width >> 1, height >> 1), frame.at);
           yield VIEW_WORK;
         }
       }
@@ -246,7 +224,7 @@ export class Proposer {
       if (count >= 2 * every && count % every === 0) {
         let most = PROMISING;
         let best = null;
-        for (const { quad } of this.#edges) {
+        for (const quad of this.#edges) {
           const { evidence, proposal } = quad.surest();
           yield SURE_WORK;
           if (!(evidence > most)) continue;

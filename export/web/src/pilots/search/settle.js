@@ -6,7 +6,7 @@ import { expectedChanges, overDeviation } from "../signal.js";
 import { blockFitSteps, blockMaps } from "./allBlocks.js";
 import { climbToPilots } from "./climb.js";
 import { COARSE_SIZE, MANY, coarseShift } from "./parts.js";
-import { NEXT_FRAME, VIEW_WORK, positions, viewSteps, weighSteps } from "./proposals.js";
+import { NEXT_FRAME, VIEW_WORK, positions, weighSteps } from "./proposals.js";
 
 /** @typedef {import("../toggling.js").Amplitudes} Amplitudes */
 /** @typedef {import("./allBlocks.js").BlockFit} BlockFit */
@@ -167,9 +167,14 @@ function* byClimbing({ corners, layout, toggling }, frames) {
  * @returns {Steps<Amplitudes | null>} null where corners are not sound
  */
 function* amplitudeSteps({ corners, layout, toggling }, frames, size) {
-  const views = yield* viewSteps(corners, layout, frames, size);
-  if (views === null) return null;
-  const series = overDeviation(views.map(({ data }) => data));
+  const views = [];
+  for (const frame of frames) {
+    const view = frame.view(corners, layout, ...size);
+    if (view === null) return null;
+    views.push(view.data);
+    yield VIEW_WORK;
+  }
+  const series = overDeviation(views);
   const line = toggling.amplitudes(series, positions(frames), size);
   yield MEASURE_WORK;
   return line;
