@@ -96,8 +96,7 @@ def test_clocks_of_a_code_are_those_of_python(hz: float, delay: float, frames: i
     matches = [signs * values + shift for shift in (0, 1)]
     matches = [np.concatenate([each, values[:, :9]], axis=1) for each in matches]
     highest = search.highest(matches)
-    series = [[np.ascontiguousarray(line) for line in each.T] for each in matches]
-    ported_highest = ported.highest(series)
+    ported_highest = ported.highest([list(np.asarray(each, np.float32)) for each in matches])
     assert ported_highest.period == highest.period
     moments = [each.number(0.3) for each in (ported_highest, highest)]
     assert moments[0] == pytest.approx(moments[1], abs=0.51)  # two of a state show the same

@@ -4,6 +4,7 @@
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
+#include <wasm_simd128.h>
 
 using namespace cv;
 
@@ -61,28 +62,89 @@ PAGE void resized(const Plane &from, int width, int height, double factor, int h
   resize(used, to.mat(), size, factor, factor, how);
 }
 
-// Interpolates between the four pixels around each place; beyond the border its last pixel counts.
-template <typename Sample>
-static void mix(const Mat &from, const float *x, const float *y, int count, Sample *to) {
+// Interpolates between the four pixels around a place; beyond the border its last pixel counts.
+template <typename From, typename To>
+static void mixOne(const Mat &from, float x, float y, To *to) {
   const float right = from.cols - 1, bottom = from.rows - 1;
   const int nextX = from.cols > 1, nextY = from.rows > 1 ? from.cols : 0;
-  const int lastX = std::max(from.cols - 2, 0), lastY = std::max(from.rows - 2, 0);
-  for (int i = 0; i < count; i++) {
-    // a comparison that fails for what is no number, too
-    const float atX = std::min(x[i] > 0 ? x[i] : 0, right), atY = std::min(y[i] > 0 ? y[i] : 0, bottom);
-    const int left = std::min(int(atX), lastX), top = std::min(int(atY), lastY);
-    const Sample *at = reinterpret_cast<Sample *>(from.data) + top * from.cols + left;
-    const float shareX = atX - left, shareY = atY - top;
-    const float above = at[0] + (at[nextX] - at[0]) * shareX;
-    const float below = at[nextY] + (at[nextY + nextX] - at[nextY]) * shareX;
-    to[i] = above + (below - above) * shareY + (sizeof(Sample) == 1 ? 0.5f : 0);
+  // a comparison that fails for what is no number, too
+  const float atX = std::min(x > 0 ? x : 0, right), atY = std::min(y > 0 ? y : 0, bottom);
+  const int left = std::min(int(atX), std::max(from.cols - 2, 0));
+  const int top = std::min(int(atY), std::max(from.rows - 2, 0));
+  const From *at = reinterpret_cast<From *>(from.data) + top * from.cols + left;
+  const float shareX = atX - left, shareY = atY - top;
+  const float above = at[0] + (at[nextX] - at[0]) * shareX;
+  const float below = at[nextY] + (at[nextY + nextX] - at[nextY]) * shareX;
+  *to = above + (below - above) * shareY + (sizeof(To) == 1 ? 0.5f : 0);
+}
+
+// Four floats, or four whole numbers.
+typedef float Floats __attribute__((vector_size(16)));
+typedef int Wholes __attribute__((vector_size(16)));
+
+// Loads the pixels at four places, and those to the right of them.
+static void loadPairs(const uchar *from, Wholes at, Floats &left, Floats &right) {
+  v128_t pairs = wasm_i32x4_const(0, 0, 0, 0);
+  pairs = wasm_v128_load16_lane(from + at[0], pairs, 0);
+  pairs = wasm_v128_load16_lane(from + at[1], pairs, 2);
+  pairs = wasm_v128_load16_lane(from + at[2], pairs, 4);
+  pairs = wasm_v128_load16_lane(from + at[3], pairs, 6);
+  left = Floats(wasm_f32x4_convert_i32x4(wasm_v128_and(pairs, wasm_i32x4_const_splat(255))));
+  right = Floats(wasm_f32x4_convert_i32x4(wasm_u32x4_shr(pairs, 8)));
+}
+
+static void loadPairs(const float *from, Wholes at, Floats &left, Floats &right) {
+  v128_t one = wasm_v128_load64_zero(from + at[0]), two = wasm_v128_load64_zero(from + at[2]);
+  one = wasm_v128_load64_lane(from + at[1], one, 1);
+  two = wasm_v128_load64_lane(from + at[3], two, 1);
+  left = Floats(wasm_i32x4_shuffle(one, two, 0, 2, 4, 6));
+  right = Floats(wasm_i32x4_shuffle(one, two, 1, 3, 5, 7));
+}
+
+static void store(Floats values, float *to) { wasm_v128_store(to, v128_t(values)); }
+
+static void store(Floats values, uchar *to) {
+  const v128_t whole = wasm_i32x4_trunc_sat_f32x4(v128_t(values + 0.5f));
+  const v128_t words = wasm_i16x8_narrow_i32x4(whole, whole);
+  wasm_v128_store32_lane(to, wasm_u8x16_narrow_i16x8(words, words), 0);
+}
+
+// Clips four floats; what is no number becomes 0.
+static Floats clipped(const float *values, float most) {
+  const v128_t positive = wasm_f32x4_pmax(wasm_f32x4_const_splat(0), wasm_v128_load(values));
+  return Floats(wasm_f32x4_pmin(positive, wasm_f32x4_splat(most)));
+}
+
+// Interpolates at each of some places, at four of them at once where an image is not too thin.
+template <typename From, typename To>
+static void mix(const Mat &from, const float *x, const float *y, int count, To *to) {
+  const From *pixels = reinterpret_cast<From *>(from.data);
+  const float right = from.cols - 1, bottom = from.rows - 1;
+  const bool isThin = std::min(from.cols, from.rows) < 2;
+  int i = 0;
+  for (; !isThin && i + 4 <= count; i += 4) {
+    const Floats atX = clipped(x + i, right), atY = clipped(y + i, bottom);
+    const Wholes left = Wholes(wasm_i32x4_min(wasm_i32x4_trunc_sat_f32x4(v128_t(atX)),
+                                              wasm_i32x4_splat(from.cols - 2)));
+    const Wholes top = Wholes(wasm_i32x4_min(wasm_i32x4_trunc_sat_f32x4(v128_t(atY)),
+                                             wasm_i32x4_splat(from.rows - 2)));
+    const Wholes at = top * from.cols + left;
+    const Floats shareX = atX - Floats(wasm_f32x4_convert_i32x4(v128_t(left)));
+    const Floats shareY = atY - Floats(wasm_f32x4_convert_i32x4(v128_t(top)));
+    Floats a, b, c, d;
+    loadPairs(pixels, at, a, b);
+    loadPairs(pixels + from.cols, at, c, d);
+    const Floats above = a + (b - a) * shareX, below = c + (d - c) * shareX;
+    store(above + (below - above) * shareY, to + i);
   }
+  for (; i < count; i++) mixOne<From>(from, x[i], y[i], to + i);
 }
 
 static void sample(const Plane &from, const float *x, const float *y, int count, const Plane &to,
                    int start) {
-  if (to.type == CV_8U) mix(from.mat(), x, y, count, static_cast<uchar *>(to.data) + start);
-  else mix(from.mat(), x, y, count, static_cast<float *>(to.data) + start);
+  if (to.type == CV_8U) mix<uchar>(from.mat(), x, y, count, static_cast<uchar *>(to.data) + start);
+  else if (from.type == CV_8U) mix<uchar>(from.mat(), x, y, count, static_cast<float *>(to.data) + start);
+  else mix<float>(from.mat(), x, y, count, static_cast<float *>(to.data) + start);
 }
 
 // warpPerspective takes twice as long, since WebAssembly loads no pixels from many places at once.
@@ -131,6 +193,44 @@ PAGE void weightedSums(const Plane &rows, const Plane &weights, const Plane &to)
     const float *__restrict values = static_cast<float *>(rows.data);
     for (int i = 0; i < rows.height; i++, weight++, values += rows.width) {
       for (int k = 0; k < rows.width; k++) sums[k] += *weight * values[k];
+    }
+  }
+}
+
+// Chooses for each of a display's clocks, as pilots/code.js numbers them, how writing goes across it.
+// Parts of the display along both axes follow `along`; `later` says by how many phases each part of
+// a slope is later, for each rate. Slopes must explain clearly more than those before them.
+PAGE void bestSlopes(const Plane &along, const Plane &later, const Plane &powers,
+                     const Plane &axes, double surer, const Plane &gain, const Plane &chosen) {
+  const int sides = along.height / 2, slopes = axes.width, clocks = along.width;
+  const int rates = later.width / (slopes * sides), phases = clocks / rates;
+  const int *next = static_cast<int *>(later.data);
+  std::vector<float> sum(phases);
+  std::vector<double> explained(phases);
+  for (int first = 0; first < clocks; first += phases) {
+    double *__restrict most = gain.numbers() + first;
+    uchar *which = static_cast<uchar *>(chosen.data) + first;
+    std::fill_n(most, phases, 0.0);
+    std::fill_n(which, phases, 0);
+    for (int slope = 0; slope < slopes; slope++) {
+      std::fill(sum.begin(), sum.end(), 0.0f);
+      const int row = static_cast<int *>(axes.data)[slope] * sides;
+      for (int side = 0; side < sides; side++, next++) {
+        const float *values = static_cast<float *>(along.data) + (row + side) * clocks + first;
+        const int left = phases - *next;
+        for (int i = 0; i < left; i++) sum[i] += values[*next + i];
+        for (int i = left; i < phases; i++) sum[i] += values[i - left];
+      }
+      const float *power = static_cast<float *>(powers.data) + slope * clocks + first;
+      for (int i = 0; i < phases; i++) {
+        const double positive = std::max(sum[i], 0.0f);
+        explained[i] = positive * positive / power[i];
+      }
+      for (int i = 0; i < phases; i++) {
+        if (!(explained[i] > surer * most[i])) continue;
+        most[i] = explained[i];
+        which[i] = slope;
+      }
     }
   }
 }

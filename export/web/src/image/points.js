@@ -84,6 +84,12 @@ export function pointsOf(flat) {
  * @param {(point: number) => unknown} isChosen - by the number of the point
  */
 export function chosen(points, isChosen) {
-  const numbers = [...Array(points.length / 2).keys()].filter(isChosen);
-  return Float32Array.from(numbers.flatMap((i) => [points[2 * i], points[2 * i + 1]]));
+  const kept = new Float32Array(points.length);
+  let count = 0;
+  for (let i = 0; i < points.length; i += 2) {
+    if (!isChosen(i / 2)) continue;
+    kept[count++] = points[i];
+    kept[count++] = points[i + 1];
+  }
+  return kept.slice(0, count);
 }

@@ -1,6 +1,6 @@
 /** Images seen through a homography or a lens, sampled between pixels. */
 
-import { call } from "./opencv.js";
+import { call, floatPlane } from "./opencv.js";
 
 /**
  * Sample a plane where a homography leads, bilinearly; beyond the border its last pixel counts.
@@ -18,6 +18,21 @@ import { call } from "./opencv.js";
  */
 export function warped(plane, H, width, height, room = null) {
   const result = planeLike(plane, width, height, room);
+  call("warped", [plane, Float64Array.from(H)], [result]);
+  return result;
+}
+
+/**
+ * Sample a plane where a homography leads, as `warped` does, without rounding.
+ *
+ * @param {Plane<Uint8Array | Float32Array>} plane
+ * @param {ArrayLike<number>} H - (3, 3) from pixels of the result to pixels of the plane
+ * @param {number} width - of the result, pixels
+ * @param {number} height - of the result, pixels
+ * @returns {FloatPlane}
+ */
+export function warpedFloats(plane, H, width, height) {
+  const result = floatPlane(width, height);
   call("warped", [plane, Float64Array.from(H)], [result]);
   return result;
 }

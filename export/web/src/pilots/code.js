@@ -17,7 +17,7 @@ const { COMPARED, RIVAL, OPEN, SURER, DRIFT } = pilotsCode;
 export const { MOST_STATE_HZ } = pilotsCode;
 
 /** Axis along which each of `SLOPES` goes: 0 from left to right, 1 from top to bottom. */
-const AXES = SLOPES.map(([across]) => Number(across === 0));
+const AXES = Int32Array.from(SLOPES, ([across]) => Number(across === 0));
 
 /**
  * How a display may run: its clock, by the unit of time of the frames' times; the natural logarithm
@@ -49,9 +49,9 @@ export class CodeSearch {
   #energy;
   /** Signs of the places within each part along x, and along y; 0 elsewhere. */
   #within;
-  /** Number of phases by which each part is later, for each rate and slope. */
+  /** Number of phases by which each part is later, for each rate and, faster, for each slope. */
   #later;
-  /** Power (H,) of what all places show, for each slope. */
+  /** Power of what all places show: a row of H for each slope. */
   #powers;
 
   /**
@@ -103,26 +103,25 @@ export class CodeSearch {
         signs.map((sign, p) => (parts[p] === side ? sign : 0)),
       ),
     );
-    this.#later = this.#hz.map((hz) =>
-      SLOPES.map(([across, down]) =>
+    const later = this.#hz.flatMap((hz) =>
+      SLOPES.flatMap(([across, down]) =>
         Array.from({ length: SIDES }, (_, side) => {
           const phases = PHASES * ((side + 0.5) / SIDES - 0.5) * hz * (across + down);
           return (roundHalfEven(phases) + this.#steps) % this.#steps;
         }),
       ),
     );
-    this.#powers = SLOPES.map((_, slope) => {
-      const pilots = this.#within[AXES[slope]].map((each) => each.filter(Boolean).length);
-      const powers = new Float32Array(count);
-      for (let first = 0, rate = 0; first < count; first += this.#steps, rate++) {
-        const power = new Float32Array(this.#steps).fill(1e-9);
-        this.#later[rate][slope].forEach((later, side) => {
-          addTurned(power, this.#energy, first, later, pilots[side]);
-        });
-        powers.set(power, first);
+    this.#later = Int32Array.from(later);
+    this.#powers = floatPlane(count, SLOPES.length);
+    for (let first = 0, at = 0; first < count; first += this.#steps) {
+      for (let slope = 0; slope < SLOPES.length; slope++) {
+        const start = slope * count + first;
+        const power = this.#powers.data.subarray(start, start + this.#steps).fill(1e-9);
+        for (const signs of this.#within[AXES[slope]]) {
+          addTurned(power, this.#energy, first, later[at++], signs.filter(Boolean).length);
+        }
       }
-      return powers;
-    });
+    }
   }
 
   /**
@@ -154,20 +153,21 @@ export class CodeSearch {
    * A series cannot follow any clock more clearly than its own length, less drifts, allows, so that
    * the longest alone are compared.
    *
-   * @param {Float64Array[][]} matches - for each part, series (T,) of alike noise
+   * @param {Float32Array[][]} matches - for each part and each of T frames, the values of S series
+   *   of alike noise
    * @returns {DisplayClock} the clock, without delays across the display
    */
   highest(matches) {
     const total = new Float64Array(this.#energy.length);
-    for (const part of matches) {
-      const lengths = part.map((each) => lengthOf(takeOut(each.slice(), this.#drifts)));
-      const longest = [...part.keys()].sort((one, two) => lengths[two] - lengths[one]);
-      const series = longest.slice(0, COMPARED).map((number) => part[number]);
+    for (const frames of matches) {
+      const { longest, deviation } = this.#longest(frames);
+      const series = longest.map((number) => frames.map((now) => now[number]));
       const most = new Float32Array(total.length);
-      for (const heights of this.#along(series)) {
-        for (let at = 0; at < most.length; at++) most[at] = Math.max(most[at], heights[at]);
-      }
-      const unit = deviationOf(part) + 1e-9;
+      this.#along(series).data.forEach((height, i) => {
+        const at = i % most.length;
+        most[at] = Math.max(most[at], height);
+      });
+      const unit = deviation + 1e-9;
       for (let at = 0; at < most.length; at++) {
         total[at] += (most[at] / unit) ** 2 / (this.#energy[at] + 1e-6);
       }
@@ -176,10 +176,40 @@ export class CodeSearch {
   }
 
   /**
+   * Find which series are the longest, less drifts.
+   *
+   * @param {readonly Float32Array[]} frames - (S,) values of all series in each of T frames
+   * @returns {{ longest: number[], deviation: number }} numbers of `COMPARED` series, and the
+   *   standard deviation of all values
+   */
+  #longest(frames) {
+    const squares = new Float64Array(frames[0].length);
+    let sum = 0;
+    for (const now of frames) {
+      for (let i = 0; i < squares.length; i++) {
+        squares[i] += now[i] * now[i];
+        sum += now[i];
+      }
+    }
+    const count = frames.length * squares.length;
+    const power = squares.reduce((all, square) => all + square, 0) / count;
+    for (const drift of this.#drifts) {
+      const along = new Float64Array(squares.length);
+      frames.forEach((now, t) => {
+        for (let i = 0; i < along.length; i++) along[i] += drift[t] * now[i];
+      });
+      for (let i = 0; i < along.length; i++) squares[i] -= along[i] * along[i];
+    }
+    const least = squares.slice().sort().at(-COMPARED) ?? -Infinity;
+    const longest = [...squares.keys()].filter((number) => squares[number] >= least);
+    return { longest, deviation: Math.sqrt(power - (sum / count) ** 2) };
+  }
+
+  /**
    * Compare series with the waves of all clocks.
    *
    * @param {readonly ArrayLike<number>[]} series - (T,) each
-   * @returns {Float32Array[]} (H,) sums of the products, for each
+   * @returns {FloatPlane} sums of the products: a row of H for each
    */
   #along(series) {
     const { width, height } = this.waves;
@@ -187,7 +217,7 @@ export class CodeSearch {
     series.forEach((values, i) => weights.data.set(values, i * height));
     const sums = floatPlane(width, series.length);
     call("weightedSums", [this.waves, weights], [sums]);
-    return series.map((_, i) => sums.data.subarray(i * width, (i + 1) * width));
+    return sums;
   }
 
   /**
@@ -202,23 +232,7 @@ export class CodeSearch {
     const chosen = new Uint8Array(gain.length);
     const series = this.#within.flat().map((weights) => values.map((now) => dot(weights, now)));
     const along = this.#along(series);
-    const steps = this.#steps;
-    const sum = new Float32Array(steps);
-    for (let first = 0, rate = 0; first < gain.length; first += steps, rate++) {
-      for (let slope = 0; slope < SLOPES.length; slope++) {
-        sum.fill(0);
-        const [later, powers] = [this.#later[rate][slope], this.#powers[slope]];
-        for (let side = 0; side < SIDES; side++) {
-          addTurned(sum, along[AXES[slope] * SIDES + side], first, later[side]);
-        }
-        for (let phase = 0; phase < steps; phase++) {
-          const explained = Math.max(sum[phase], 0) ** 2 / powers[first + phase];
-          if (explained <= SURER * gain[first + phase]) continue;
-          gain[first + phase] = explained;
-          chosen[first + phase] = slope;
-        }
-      }
-    }
+    call("bestSlopes", [along, this.#later, this.#powers, AXES, SURER], [gain, chosen]);
     return { gain, chosen };
   }
 
@@ -232,7 +246,8 @@ export class CodeSearch {
    */
   #lock(at, slope, gain, values) {
     const count = this.#signs.length;
-    const later = this.#later[Math.floor(at / this.#steps)][slope];
+    const rate = Math.floor(at / this.#steps);
+    const later = this.#later.subarray((rate * SLOPES.length + slope) * SIDES);
     let [along, power] = [0, 0];
     for (let p = 0; p < count; p++) {
       const wave = this.#turned(at, later[this.#part[AXES[slope]][p]]);
@@ -317,23 +332,6 @@ function dot(one, other) {
   let sum = 0;
   for (let i = 0; i < one.length; i++) sum += one[i] * other[i];
   return sum;
-}
-
-/**
- * Find the standard deviation of all numbers in some arrays of one length.
- *
- * @param {Float64Array[]} arrays
- */
-function deviationOf(arrays) {
-  let [sum, squares] = [0, 0];
-  for (const array of arrays) {
-    for (const value of array) {
-      sum += value;
-      squares += value * value;
-    }
-  }
-  const count = arrays.length * arrays[0].length;
-  return Math.sqrt(squares / count - (sum / count) ** 2);
 }
 
 /**

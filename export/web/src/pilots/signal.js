@@ -229,5 +229,9 @@ export function overDeviation(values) {
   for (let i = 0; i < mean.length; i++) {
     scale[i] = 1 / (Math.sqrt(scale[i] / values.length) + LEAST_DEVIATION);
   }
-  return values.map((now) => now.map((value, i) => (value - mean[i]) * scale[i]));
+  return values.map((now) => {
+    const over = new Float32Array(now.length);
+    for (let i = 0; i < over.length; i++) over[i] = (now[i] - mean[i]) * scale[i];
+    return over;
+  });
 }

@@ -291,8 +291,11 @@ export class BlockFit {
     let power = 0;
     for (const [k, { data: now }] of seen.entries()) {
       const then = expected[k].data;
-      const residual = Float64Array.from(now, (value, i) => value - amplitude * then[i]);
-      for (const left of residual) power += left * left;
+      const residual = new Float64Array(now.length);
+      for (let i = 0; i < now.length; i++) {
+        residual[i] = now[i] - amplitude * then[i];
+        power += residual[i] * residual[i];
+      }
       equations.take(expected[k], amplitude, residual);
       yield 2 * maps.work;
     }

@@ -2,13 +2,12 @@
 
 import { pilotsSearchFilm } from "../../generated/constants.js";
 import { areaMeans } from "../../image/shrink.js";
-import { warped } from "../../image/warp.js";
+import { warpedFloats } from "../../image/warp.js";
 import {
   contourArea,
   homographyFromCorners,
   isConvex,
   pixelsInOne,
-  rectify,
   resizedHomography,
   transform,
 } from "../../link/geometry.js";
@@ -19,8 +18,11 @@ import { inverse, multiply3 } from "../../link/linear.js";
 
 export const { FAR_OUTSIDE, LEAST_AREA } = pilotsSearchFilm;
 
-/** Room for a rectified frame that is averaged down at once. */
-let room = new Uint8Array(0);
+/**
+ * What is added to the step from sample to sample, in pixels, before it is cut to the whole factor
+ * by which a frame is averaged down: a step of 1.65 pixels leaves so much unseen between samples.
+ */
+const AVERAGED_FROM = 0.35;
 
 /**
  * One frame, and how what it shows has moved since a reference frame.
@@ -62,29 +64,20 @@ export class HeldFrame {
   /**
    * Show a display as it would be seen from the front, in a map of a size.
    *
-   * Python rectifies to the layout's size and averages down to the map's. Where the camera sees the
-   * display finer than half the layout's size, the frame is averaged down first, and rectified to
-   * that half: a quarter of the work, and every pixel still counts.
+   * Python rectifies to the layout's size and averages down to the map's. Here the frame is averaged
+   * down where the map is much coarser, and sampled once for each pixel of the map: a quarter of the
+   * work, and nearly every pixel of the frame still counts.
    *
    * @param {Point[]} corners - of the display, in the reference frame
-   * @param {Layout} layout - of the display
-   * @param {number} width - of the map, no more than the layout's
-   * @param {number} height - of the map, no more than the layout's
+   * @param {number} width - of the map
+   * @param {number} height - of the map
    * @returns {FloatPlane | null} null where corners make no sound quadrilateral near the image
    */
-  view(corners, layout, width, height) {
+  view(corners, width, height) {
     const quad = this.#quad(corners);
     if (quad === null) return null;
-    const halfWidth = layout.width >> 1;
-    const halfHeight = layout.height >> 1;
-    const factor = Math.floor(pixelsInOne(quad, halfWidth, halfHeight));
-    if (width > halfWidth || height > halfHeight || factor < 2) {
-      const H = homographyFromCorners(quad, layout.width, layout.height);
-      return areaMeans(this.#rectified(H, layout.width, layout.height), width, height);
-    }
-    const H = homographyFromCorners(quad, halfWidth, halfHeight);
-    const half = this.#averaged(factor, H, halfWidth, halfHeight);
-    return width === halfWidth && height === halfHeight ? half : areaMeans(half, width, height);
+    const H = homographyFromCorners(quad, width, height);
+    return this.#sampled(H, pixelsInOne(quad, width, height), width, height);
   }
 
   /**
@@ -97,27 +90,10 @@ export class HeldFrame {
   blockView(corners, maps) {
     const quad = this.#quad(corners);
     if (quad === null) return null;
+    const [[width, height], [across, down]] = [maps.size, maps.inner];
     const { layout } = maps;
-    const shrunk = Math.floor(layout.width / maps.inner[0]);
-    const [width, height] = maps.size;
     const H = multiply3(homographyFromCorners(quad, layout.width, layout.height), maps.toLayout());
-    const factor = Math.floor(pixelsInOne(quad, maps.inner[0], maps.inner[1]));
-    if (shrunk > 1 && factor >= 2) return this.#averaged(factor, H, width, height);
-    const toMap = resizedHomography(1 / shrunk, 1 / shrunk);
-    const fine = this.#rectified(multiply3(H, toMap), shrunk * width, shrunk * height);
-    return areaMeans(fine, width, height);
-  }
-
-  /**
-   * Rectify the frame in room that the next call uses again.
-   *
-   * @param {ArrayLike<number>} H - from pixels of the result to pixels of the frame
-   * @param {number} width - of the result
-   * @param {number} height - of the result
-   */
-  #rectified(H, width, height) {
-    if (room.length !== width * height) room = new Uint8Array(width * height);
-    return rectify(this.gray, H, width, height, room);
+    return this.#sampled(H, pixelsInOne(quad, across, down), width, height);
   }
 
   /**
@@ -132,17 +108,19 @@ export class HeldFrame {
   }
 
   /**
-   * Sample the frame, averaged down, where a homography leads.
+   * Sample the frame, averaged down where that is coarser, where a homography leads.
    *
-   * @param {number} factor - whole, by which it is averaged down
    * @param {ArrayLike<number>} H - from pixels of the result to pixels of the frame
+   * @param {number} step - from one pixel of the result to the next, in pixels of the frame
    * @param {number} width - of the result
    * @param {number} height - of the result
    */
-  #averaged(factor, H, width, height) {
+  #sampled(H, step, width, height) {
+    const factor = Math.floor(step + AVERAGED_FROM);
+    if (factor < 2) return warpedFloats(this.gray, H, width, height);
     const copy = this.#copy(factor);
     const [x, y] = [this.gray.width / copy.width, this.gray.height / copy.height];
-    return warped(copy, multiply3(inverse(resizedHomography(x, y)), H), width, height);
+    return warpedFloats(copy, multiply3(inverse(resizedHomography(x, y)), H), width, height);
   }
 
   /**

@@ -275,9 +275,7 @@ export function* shiftedTogglings({ frames, size }, blocks, layout, at, fps) {
   const found = [];
   for (const parts of PARTS.slice(1)) {
     const seen = shown.map((smallest) => joined(smallest, parts).map(({ real }) => real));
-    const matches = seen[0].map((first, part) =>
-      Array.from(first, (_, shift) => Float64Array.from(seen, (now) => now[part][shift])),
-    );
+    const matches = seen[0].map((_, part) => seen.map((now) => now[part]));
     const clock = codeSearch(layout, at, fps).highest(matches);
     found.push(new CodedToggling(clock, layout.code));
     yield CLOCK_WORK;

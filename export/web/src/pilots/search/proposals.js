@@ -107,9 +107,10 @@ export class Watched {
     const found = this.#quarters.flatMap((quarter, number) =>
       this.#layouts.flatMap((layout, i) =>
         [0, 2].map((half) => {
-          const values = this.#blocks[number][i].map((blocks) =>
-            chosen(half === 0 ? blocks : blocks.slice().reverse(), layout.pilotBlocks),
-          );
+          const { pilotBlocks } = layout;
+          const last = layout.rows * layout.cols - 1;
+          const picked = half === 0 ? pilotBlocks : pilotBlocks.map((block) => last - block);
+          const values = this.#blocks[number][i].map((blocks) => chosen(blocks, picked));
           const { evidence, toggling } = findToggling(values, layout, this.#at, this.#fps);
           const corners = rolled(this.corners, quarter + half);
           return { evidence, proposal: { corners, layout, toggling } };
@@ -146,7 +147,7 @@ export function* weighSteps({ corners, layout, toggling }, frames, fps, known = 
   for (const frame of frames) {
     let shown = known.get(frame);
     if (shown === undefined) {
-      const view = frame.view(corners, layout, layout.width >> 1, layout.height >> 1);
+      const view = frame.view(corners, layout.width >> 1, layout.height >> 1);
       if (view === null) return { evidence: 0, toggling };
       shown = pilotValues(view, layout);
       known.set(frame, shown);
@@ -216,7 +217,7 @@ export class Proposer {
       for (; taken < frames.length; taken++) {
         const frame = frames[taken];
         for (const quad of this.#edges) {
-          quad.take(frame.view(quad.corners, this.#largest, width >> 1, height >> 1), frame.at);
+          quad.take(frame.view(quad.corners, width >> 1, height >> 1), frame.at);
           yield VIEW_WORK;
         }
       }

@@ -169,7 +169,7 @@ function* byClimbing({ corners, layout, toggling }, frames) {
 function* amplitudeSteps({ corners, layout, toggling }, frames, size) {
   const views = [];
   for (const frame of frames) {
-    const view = frame.view(corners, layout, ...size);
+    const view = frame.view(corners, ...size);
     if (view === null) return null;
     views.push(view.data);
     yield VIEW_WORK;
