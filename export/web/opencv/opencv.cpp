@@ -184,16 +184,31 @@ static void weigh(float share, bool cubic, float *weights) {
   }
 }
 
+// Adds rows of floats, times weights, to sums.
+static void addRows(const Plane &rows, const float *weights, float *__restrict sums) {
+  const float *__restrict values = static_cast<float *>(rows.data);
+  for (int i = 0; i < rows.height; i++, values += rows.width) {
+    for (int k = 0; k < rows.width; k++) sums[k] += weights[i] * values[k];
+  }
+}
+
 // Adds up rows of floats, times weights: a row of sums for each row of weights.
 PAGE void weightedSums(const Plane &rows, const Plane &weights, const Plane &to) {
-  const float *weight = static_cast<float *>(weights.data);
-  float *__restrict sums = static_cast<float *>(to.data);
-  std::fill_n(sums, to.width * to.height, 0.0f);
-  for (int row = 0; row < to.height; row++, sums += to.width) {
-    const float *__restrict values = static_cast<float *>(rows.data);
-    for (int i = 0; i < rows.height; i++, weight++, values += rows.width) {
-      for (int k = 0; k < rows.width; k++) sums[k] += *weight * values[k];
-    }
+  to.mat() = 0;
+  for (int row = 0; row < to.height; row++) {
+    addRows(rows, static_cast<float *>(weights.data) + row * rows.height,
+            static_cast<float *>(to.data) + row * to.width);
+  }
+}
+
+// Keeps in each column the largest of `weightedSums`, and 0 where none is positive.
+PAGE void largestSums(const Plane &rows, const Plane &weights, const Plane &to) {
+  Mat largest = to.mat(), sums(largest.size(), CV_32F);
+  largest = 0;
+  for (int row = 0; row < weights.height; row++) {
+    sums = 0;
+    addRows(rows, weights.mat().ptr<float>(row), sums.ptr<float>());
+    max(largest, sums, largest);
   }
 }
 

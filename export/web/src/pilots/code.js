@@ -162,11 +162,7 @@ export class CodeSearch {
     for (const frames of matches) {
       const { longest, deviation } = this.#longest(frames);
       const series = longest.map((number) => frames.map((now) => now[number]));
-      const most = new Float32Array(total.length);
-      this.#along(series).data.forEach((height, i) => {
-        const at = i % most.length;
-        most[at] = Math.max(most[at], height);
-      });
+      const most = this.#along(series, "largestSums", 1).data;
       const unit = deviation + 1e-9;
       for (let at = 0; at < most.length; at++) {
         total[at] += (most[at] / unit) ** 2 / (this.#energy[at] + 1e-6);
@@ -209,14 +205,16 @@ export class CodeSearch {
    * Compare series with the waves of all clocks.
    *
    * @param {readonly ArrayLike<number>[]} series - (T,) each
+   * @param {"weightedSums" | "largestSums"} [how] - whether all sums are kept, or the largest alone
+   * @param {number} [count] - of the rows of sums
    * @returns {FloatPlane} sums of the products: a row of H for each
    */
-  #along(series) {
+  #along(series, how = "weightedSums", count = series.length) {
     const { width, height } = this.waves;
     const weights = floatPlane(height, series.length);
     series.forEach((values, i) => weights.data.set(values, i * height));
-    const sums = floatPlane(width, series.length);
-    call("weightedSums", [this.waves, weights], [sums]);
+    const sums = floatPlane(width, count);
+    call(how, [this.waves, weights], [sums]);
     return sums;
   }
 

@@ -82,9 +82,9 @@ let made = [];
 export function codeSearch(layout, at, fps) {
   const key = [fps, at, layout.code.signs, layout.pilotBlocks, layout.cols].join(" ");
   const known = made.find((each) => each.key === key);
-  const places = Float64Array.from(pilotCentres(layout).flat());
-  const search =
-    known?.search ?? new CodeSearch(layout.code, pilotSigns(layout), places, at, 1, fps);
+  const search = known?.search ?? new CodeSearch(
+    layout.code, pilotSigns(layout), Float64Array.from(pilotCentres(layout).flat()), at, 1, fps,
+  );
   made = [{ key, search }, ...made.filter((each) => each !== known)].slice(0, 2);
   return search;
 }

@@ -18,6 +18,8 @@ export const { FINE_STEP, FAINT_SINE, MOST_SPAN, SPARE } = pilotsWaves;
 const NEW_SHARE = 1e-6;
 /** Number of frames that are summed up in one pass over their values. */
 const AT_ONCE = 4;
+/** Real and imaginary part of what a frame that is not there adds. */
+const NOTHING = [0, 0];
 
 /**
  * A wave at the positions of frames: by these numbers, the frames' values are multiplied, and then
@@ -139,9 +141,15 @@ export function alongWave(values, wave) {
   const imaginary = new Float64Array(real.length);
   const last = values.length - 1;
   for (let t = 0; t <= last; t += AT_ONCE) {
-    const [a, b, c, d] = [0, 1, 2, 3].map((k) => values[Math.min(t + k, last)]);
-    const [a0, b0, c0, d0] = [0, 1, 2, 3].map((k) => wave.real[t + k] ?? 0);
-    const [a1, b1, c1, d1] = [0, 1, 2, 3].map((k) => wave.imaginary[t + k] ?? 0);
+    const [t1, t2, t3] = [t + 1, t + 2, t + 3];
+    const a = values[t];
+    const b = values[Math.min(t1, last)];
+    const c = values[Math.min(t2, last)];
+    const d = values[Math.min(t3, last)];
+    const [a0, a1] = [wave.real[t], wave.imaginary[t]];
+    const [b0, b1] = t1 > last ? NOTHING : [wave.real[t1], wave.imaginary[t1]];
+    const [c0, c1] = t2 > last ? NOTHING : [wave.real[t2], wave.imaginary[t2]];
+    const [d0, d1] = t3 > last ? NOTHING : [wave.real[t3], wave.imaginary[t3]];
     for (let i = 0; i < real.length; i++) {
       real[i] += a0 * a[i] + b0 * b[i] + c0 * c[i] + d0 * d[i];
       imaginary[i] += a1 * a[i] + b1 * b[i] + c1 * c[i] + d1 * d[i];

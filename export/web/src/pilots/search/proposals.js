@@ -30,7 +30,7 @@ const POWER_WORK = 10;
 const OUTLINE_WORK = 20;
 /** Units of work of a layout's fit, of weighing what the edges bound, and of rough maps. */
 const FIT_WORK = 4;
-const SURE_WORK = 1;
+const SURE_WORK = 4;
 const ROUGH_WORK = 2;
 
 /**
