@@ -261,7 +261,7 @@ class DisplayReader:
             self.sync.begin(tracked.clock, time)
         for earlier, seen in tracked.before:
             self._keep(seen, earlier, shape, fit=False)
-        in_view = self._keep(tracked, time, shape, fit=not tracked.before)
+        in_view = self._keep(tracked, time, shape, fit=True)
         self._sight.see(tracked.rectified, time, in_view)
         if self.sync.clock is not None:
             self._sight.state_hz = 1 / self.sync.clock.period
@@ -282,7 +282,7 @@ class DisplayReader:
             tracked: the display.
             time: time of the frame, seconds; rising from frame to frame.
             shape: shape of the camera frame.
-            fit: whether the clock may be fitted now; many frames at once leave that to the next.
+            fit: whether the clock may be fitted now; of many frames at once, the newest fits it.
 
         Returns:
             what `points_in_view` says.

@@ -33,7 +33,7 @@ MARK = "presets.json"
 """Name of a file that every site has; a folder without it is no site, and is not replaced."""
 MAX_GZIP_BYTES = 6_500_000
 """Largest size of all files together, in bytes after gzip, that a phone should have to load."""
-WARM_PRESETS = {"patches": "paper", "pilots": "robust"}
+WARM_PRESETS = {"patches": "paper", "pilots": "hidden"}
 """By kind of display the preset whose film the page reads to get ready."""
 ICON_SIDES = (192, 512)
 """Widths, in pixels, of the icons that phones show for the installed page."""

@@ -15,7 +15,6 @@ from export.pilots.search.proposals import Proposal, weigh
 from export.pilots.search.watch import Watch
 from export.pilots.signal import expected_changes
 from export.pilots.toggling import over_deviation
-from link.pilot_code import PLAIN
 from link.types import Array
 
 SURE, SURE_SHARE = 16.0, 0.5
@@ -129,13 +128,11 @@ def settle(
         if k:
             best, known = _moved(start, fit), {}
     seen = 0
-    while layout.code != PLAIN:  # frames that have come meanwhile tell more of the clock
-        if watch.seen > seen:
+    while not toggling.clear and len(watch.later) < watch.confirming:
+        yield None
+        if watch.seen > seen:  # frames that have come meanwhile tell more of the clock
             seen = watch.seen
             _, toggling = weigh(best, [*watch.frames, *watch.later], watch.fps, known)
-        if toggling.clear or len(watch.later) == watch.confirming:
-            break
-        yield None
     return Settled(replace(best, toggling=toggling), evidence, k)
 
 

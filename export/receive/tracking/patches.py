@@ -27,12 +27,10 @@ from link.types import Corners, Homography, Image
 
 FOLLOWED_CORRELATION = 0.7
 """Smallest `export.locate.patches.seen_correlation` of a followed display."""
-FIRST_WORK, WORK, SLOW_WORK = 90, 50, 8
-"""Units of work (`link.code.steps`) after which a frame takes no further step of a search: in
-the frames of the first search for a display, of the next ones, and of those after `PATIENCE`
-searches in vain, while the image stays as it is."""
-PATIENCE = 3
-"""Number of searches in vain after which the image must change for the search to be quick."""
+QUICK_WORK, SLOW_WORK = 60, 12
+"""Units of work (`link.code.steps`) after which a frame takes no further step of a search: of the
+first one after the display was lost or the image has changed, and of later ones, so that there is
+time for other trackers."""
 THUMBNAIL_PX = 32
 """Width and height, in pixels, of the thumbnails that tell whether the image has changed."""
 CHANGED_LEVELS, CHANGED_SHARE = 16.0, 0.03
@@ -120,7 +118,7 @@ class Tracker(DisplayTracker):
         self._follower = Follower(layout)
         self._search: Steps[Located | None] | None = None
         self._searched: tuple[int, ...] = ()
-        self._vain = 0
+        self._is_quick = True
         self._thumbnail: NDArray[np.float32] | None = None
         self._aside: list[tuple[float, Corners]] = []
         self._elsewhere = False
@@ -131,14 +129,14 @@ class Tracker(DisplayTracker):
         if corners is not None:
             kept = [(at, place) for at, place in self._aside if not is_at(corners, [place])]
             self._aside, self._elsewhere = [*kept, (time, corners)], True
-            self._vain = max(self._vain, PATIENCE + 1)  # which leaves time for other trackers
+            self._is_quick = False
         if forget:
             self._forget()
 
     def _forget(self) -> None:
         """Follow nothing any more."""
         self._follower.forget()
-        self._search, self._vain = None, 0
+        self._search, self._is_quick = None, True
 
     def follow(self, image: Image, time: float) -> Tracked | None:
         """Find the display in the next frame, or return None where it is not in view."""
@@ -175,7 +173,7 @@ class Tracker(DisplayTracker):
         except StopIteration as end:
             located: Located | None = end.value
             self._search = None
-            self._vain += 1
+            self._is_quick = False
             if located is None:
                 return None
             corners = located.corners
@@ -197,11 +195,9 @@ class Tracker(DisplayTracker):
 
     def _work_limit(self, image: NDArray[np.uint8]) -> int:
         """Say after how many units of work this frame takes no further step of the search."""
-        if self._vain == 0:
-            return FIRST_WORK
-        if self._vain <= PATIENCE:
+        if self._is_quick:
             self._thumbnail = None
-            return WORK
+            return QUICK_WORK
         gray = as_gray(image[::4, ::4])
         small = cv2.resize(gray, (THUMBNAIL_PX, THUMBNAIL_PX), interpolation=cv2.INTER_AREA)
         thumbnail = np.asarray(small, np.float32)
@@ -213,8 +209,8 @@ class Tracker(DisplayTracker):
             self._thumbnail = before
             return SLOW_WORK
         # what was looked at is no longer what is seen
-        self._search, self._vain = self._begun(image), 1
-        return WORK
+        self._search, self._is_quick = self._begun(image), True
+        return QUICK_WORK
 
     def _accept(
         self, image: NDArray[np.uint8], corners: NDArray[np.float64], *, fresh: bool

@@ -128,7 +128,7 @@ def test_the_work_of_a_frame_is_bounded_and_falls_in_vain(monkeypatch: pytest.Mo
         counted.work = 0
         assert tracker.follow(noisy(90, rng), number / 30) is None
         works.append(counted.work)
-    assert max(works) < track.FIRST_WORK + counted.each
+    assert max(works) < track.QUICK_WORK + counted.each
     assert np.mean(works[40:]) < SEARCH_WORK / 4 / 4  # of a search in every fourth frame
 
 

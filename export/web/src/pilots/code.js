@@ -162,7 +162,8 @@ export class CodeSearch {
     for (const frames of matches) {
       const { longest, deviation } = this.#longest(frames);
       const series = longest.map((number) => frames.map((now) => now[number]));
-      const most = this.#along(series, "largestSums", 1).data;
+      const most = new Float32Array(total.length);
+      call("largestSums", [this.waves, rowsOf(series)], [most]);
       const unit = deviation + 1e-9;
       for (let at = 0; at < most.length; at++) {
         total[at] += (most[at] / unit) ** 2 / (this.#energy[at] + 1e-6);
@@ -202,23 +203,6 @@ export class CodeSearch {
   }
 
   /**
-   * Compare series with the waves of all clocks.
-   *
-   * @param {readonly ArrayLike<number>[]} series - (T,) each
-   * @param {"weightedSums" | "largestSums"} [how] - whether all sums are kept, or the largest alone
-   * @param {number} [count] - of the rows of sums
-   * @returns {FloatPlane} sums of the products: a row of H for each
-   */
-  #along(series, how = "weightedSums", count = series.length) {
-    const { width, height } = this.waves;
-    const weights = floatPlane(height, series.length);
-    series.forEach((values, i) => weights.data.set(values, i * height));
-    const sums = floatPlane(width, count);
-    call(how, [this.waves, weights], [sums]);
-    return sums;
-  }
-
-  /**
    * Choose for each rate and phase how exposure and writing go across the display.
    *
    * @param {readonly ArrayLike<number>[]} values
@@ -229,7 +213,8 @@ export class CodeSearch {
     const gain = new Float64Array(this.#energy.length);
     const chosen = new Uint8Array(gain.length);
     const series = this.#within.flat().map((weights) => values.map((now) => dot(weights, now)));
-    const along = this.#along(series);
+    const along = floatPlane(this.waves.width, series.length);
+    call("weightedSums", [this.waves, rowsOf(series)], [along]);
     call("bestSlopes", [along, this.#later, this.#powers, AXES, SURER], [gain, chosen]);
     return { gain, chosen };
   }
@@ -302,6 +287,17 @@ export class CodeSearch {
     const start = this.#middle - moment + (across + down) / 2;
     return new DisplayClock(period, start, across, down, this.#shutter[rate]);
   }
+}
+
+/**
+ * Write series one below the other.
+ *
+ * @param {readonly ArrayLike<number>[]} series - of one length
+ */
+function rowsOf(series) {
+  const rows = floatPlane(series[0].length, series.length);
+  series.forEach((values, i) => rows.data.set(values, i * rows.width));
+  return rows;
 }
 
 /**

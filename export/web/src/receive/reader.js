@@ -263,7 +263,7 @@ export class DisplayReader {
     }
     if (clock) this.sync.begin(clock, time);
     for (const earlier of before) this.#keep(earlier.seen, earlier.time, width, height, false);
-    const inView = this.#keep(tracked, time, width, height, before.length === 0);
+    const inView = this.#keep(tracked, time, width, height, true);
     this.#sight.see(tracked.rectified, time, inView);
     if (this.sync.clock !== null) {
       this.#sight.stateHz = 1 / this.sync.clock.period;
@@ -285,8 +285,8 @@ export class DisplayReader {
    * @param {number} time - of the frame, seconds; rising from frame to frame
    * @param {number} width - of the camera frame, pixels
    * @param {number} height - of the camera frame, pixels
-   * @param {boolean} fit - whether the clock may be fitted now; many frames at once leave that to
-   *   the next
+   * @param {boolean} fit - whether the clock may be fitted now; of many frames at once, the newest
+   *   fits it
    * @returns {Uint8Array | null} what `pointsInView` says
    */
   #keep({ corners, rectified }, time, width, height, fit) {

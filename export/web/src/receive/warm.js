@@ -10,8 +10,8 @@
 import { range, scrambled } from "../link/code/scrambled.js";
 import { Receiver } from "./receiver.js";
 
-/** Frames a second of the films, and number of frames for which a state is shown. */
-const [WARM_FPS, HELD] = [30, 2];
+/** Frames a second of the films. */
+const WARM_FPS = 30;
 /** Number of frame pairs that are decoded, and largest number of frames until then. */
 const [DECODED, FRAMES] = [2, 60];
 /** Largest noise of a pixel, in gray levels. */
@@ -38,8 +38,10 @@ export async function warmUp(films, mostMs = Infinity) {
     const receiver = new Receiver([{ layout, decode: async () => guesses(layout) }], WARM_FPS);
     for (let frame = 0; frame < FRAMES && receiver.decoded < DECODED; frame++) {
       if (performance.now() >= end) break;
-      const state = states[Math.floor(frame / HELD) % states.length];
-      await receiver.push(noisy(state, frame), frame / WARM_FPS);
+      const state = layout.code.isPlain ? frame >> 1 : frame; // codes run at known rates alone
+      const [, embedded] = layout.code.statesOf(state >> 1);
+      const shown = states[Number(state === embedded)];
+      await receiver.push(noisy(shown, frame), frame / WARM_FPS);
     }
     decoded += receiver.decoded;
   }

@@ -41,7 +41,7 @@ export const FRAME_WORK = 44;
  * Time, in milliseconds, after which a frame of a camera that does not wait has had its share, too:
  * the first frames take many times as long, as code is compiled while it runs.
  */
-export const FRAME_MS = 100;
+export const FRAME_MS = 200;
 /** Number of nominal frames from one frame to the next above which a frame is missing. */
 export const MISSING = 1.5;
 /** Units of work of the first watched frame. */

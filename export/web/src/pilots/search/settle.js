@@ -108,15 +108,12 @@ export function* settleSteps(proposal, first, watch) {
     known = new Map();
   }
   let seen = 0;
-  while (!layout.code.isPlain) {
-    // frames that have come meanwhile tell more of the clock
-    if (watch.seen > seen) {
-      seen = watch.seen;
-      weighed = yield* weighSteps(best, watch.all, watch.fps, known);
-    }
-    const later = watch.seen - watch.frames.length;
-    if (weighed.toggling.clear || later >= watch.confirming) break;
+  while (!weighed.toggling.clear && watch.seen - watch.frames.length < watch.confirming) {
     yield NEXT_FRAME;
+    if (watch.seen === seen) continue;
+    // frames that have come meanwhile tell more of the clock
+    seen = watch.seen;
+    weighed = yield* weighSteps(best, watch.all, watch.fps, known);
   }
   return { proposal: { ...best, toggling: weighed.toggling }, evidence, k };
 }

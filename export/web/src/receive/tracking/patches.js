@@ -17,18 +17,19 @@ import { cornersOnPatches, neededCorrelation } from "../../locate/refine.js";
 import { Follower } from "./follow.js";
 
 const {
-  FOLLOWED_CORRELATION, FIRST_WORK, WORK, SLOW_WORK, PATIENCE, THUMBNAIL_PX, CHANGED_LEVELS,
-  CHANGED_SHARE, ASIDE_S,
+  FOLLOWED_CORRELATION, QUICK_WORK, SLOW_WORK, THUMBNAIL_PX, CHANGED_LEVELS, CHANGED_SHARE, ASIDE_S,
 } = receiveTrackingPatches;
 
 /**
  * Units of work of a search in which the likeliest candidates are tried. The rest of it, which finds
- * displays without visible borders, takes long; before a camera that does not wait, it has a
- * smaller share of each frame's time.
+ * displays without visible borders, takes long.
  */
 const LIKELY_WORK = 100;
-/** Share of a frame's time that the rest of a search has before such a camera. */
-const LATER_SHARE = 0.1;
+/**
+ * Shares of a frame's time, before a camera that does not wait, of the likeliest candidates of the
+ * first search, and of all else: pilots are looked for meanwhile.
+ */
+const [LIKELY_SHARE, LATER_SHARE] = [0.5, 0.05];
 /** Distance, in pixels, of the image's rows and columns that thumbnails are made of. */
 const THUMBNAIL_STEP = 4;
 
@@ -76,7 +77,8 @@ export class Tracker {
   #owed = 0;
   #searchedWidth = 0;
   #searchedHeight = 0;
-  #vain = 0;
+  /** Whether the search is the first one since the display was lost or the image has changed. */
+  #isQuick = true;
   /** @type {Uint8Array | null} */
   #thumbnail = null;
   /** @type {{ time: number, corners: Point[] }[]} */
@@ -112,7 +114,7 @@ export class Tracker {
       this.#aside = this.#aside.filter((place) => !isAt(corners, [place.corners]));
       this.#aside.push({ time, corners });
       this.#elsewhere = true;
-      this.#vain = Math.max(this.#vain, PATIENCE + 1); // which leaves time for other trackers
+      this.#isQuick = false;
     }
     if (forget) this.#forget();
   }
@@ -121,7 +123,7 @@ export class Tracker {
   #forget() {
     this.#follower.forget();
     this.#search = null;
-    this.#vain = 0;
+    this.#isQuick = true;
   }
 
   /**
@@ -194,7 +196,8 @@ export class Tracker {
    */
   #searched(limit, start, frameMs) {
     const search = this.#search;
-    const allowed = () => (this.#done < LIKELY_WORK ? 1 : LATER_SHARE) * frameMs;
+    const isLikely = () => this.#isQuick && this.#done < LIKELY_WORK;
+    const allowed = () => (isLikely() ? LIKELY_SHARE : LATER_SHARE) * frameMs;
     const spent = () => this.#owed + performance.now() - start;
     let located = null;
     for (let work = 0; search !== null && work < limit && spent() < allowed(); ) {
@@ -205,7 +208,7 @@ export class Tracker {
         continue;
       }
       this.#search = null;
-      this.#vain++;
+      this.#isQuick = false;
       located = step.value;
       break;
     }
@@ -238,10 +241,9 @@ export class Tracker {
    * @param {BytePlane} image
    */
   #workLimit(image) {
-    if (this.#vain === 0) return FIRST_WORK;
-    if (this.#vain <= PATIENCE) {
+    if (this.#isQuick) {
       this.#thumbnail = null;
-      return WORK;
+      return QUICK_WORK;
     }
     const thumbnail = thumbnailOf(image);
     const before = this.#thumbnail;
@@ -255,8 +257,8 @@ export class Tracker {
     }
     // what was looked at is no longer what is seen
     this.#search = this.#begun(image);
-    this.#vain = 1;
-    return WORK;
+    this.#isQuick = true;
+    return QUICK_WORK;
   }
 
   /**
