@@ -101,24 +101,17 @@ devices.getUserMedia = async (wanted) => {
   window.seen.camera ??= performance.now();
   return stream;
 };
-window.Worker = class extends Worker {
-  constructor(...program) {
-    super(...program);
-    this.addEventListener("message", ({ data }) => {
-      if (data.type === "ready") window.seen.ready ??= performance.now();
-    });
-  }
-};
 addEventListener("DOMContentLoaded", () => {
-  const letter = document.getElementById("letter");
+  const [letter, record] = ["letter", "record"].map((id) => document.getElementById(id));
   const look = () => {
+    if (!record.disabled) window.seen.ready ??= performance.now();
     if (!letter.hidden) window.seen.message ??= performance.now();
   };
-  new MutationObserver(look).observe(letter, { attributes: true });
+  for (const each of [letter, record]) new MutationObserver(look).observe(each, { attributes: true });
 });
 """
-"""Script that notes when the camera is open, when the page is ready to read, and when the message
-is shown, in milliseconds since the page was opened."""
+"""Script that notes when the camera is open, when the page is ready to read, which allows it to
+record, and when the message is shown, in milliseconds since the page was opened."""
 
 
 @dataclass(frozen=True)

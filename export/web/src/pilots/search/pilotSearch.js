@@ -132,9 +132,10 @@ export class PilotSearch {
     const isWatching = this.#proposer !== null && watch.frames.length < watch.window;
     if (isWatching) watch.add();
     this.#work ??= this.#search(watch);
-    const most = FRAME_WORK * Math.max(1, Math.round(STEPS_HZ / this.fps));
+    const share = FRAME_WORK * Math.max(1, Math.round(STEPS_HZ / this.fps));
+    const most = this.#isLate ? Infinity : share; // time ends the work there
     // what a camera that does not wait shows is looked at once all of it is there
-    let work = this.#isLate && isWatching ? most : 0;
+    let work = this.#isLate && isWatching ? Infinity : 0;
     while (work < most) {
       const step = this.#work.next();
       if (!step.done) {
@@ -152,7 +153,7 @@ export class PilotSearch {
       const held = watch.held.slice(0, -1);
       return { layout, corners: newest, evidence, firstCorners: corners, k, clock, held };
     }
-    this.#spent += Math.min(1, work / most);
+    this.#spent += work === Infinity ? 1 : Math.min(work, most) / share;
     const patience = PATIENCE_S * 2 ** Math.min(Math.floor(this.#failed / 2), MOST_DOUBLED);
     const mustGoOn = this.#isLate && this.#isPromising;
     return this.#spent > patience * this.fps && !mustGoOn ? this.#fail() : null;
