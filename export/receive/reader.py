@@ -47,7 +47,7 @@ WORK_A_FRAME, PAIR_WORK = 18_000_000, 1000
 the next camera frame, and by how many of them a frame pair that is decoded with the same camera
 frame lowers this number, for each of its blocks. The first is about 30 ms of one core, so that no
 frame takes long."""
-MOST_WAITING = 12
+MOST_WAITING = 36
 """Largest number of frame pairs that wait for the film decoder."""
 PURE_FROM, PURE_TO = 0.6, 0.95
 """Purities of a block's exposure at which its score begins to count, and counts in full."""
@@ -386,7 +386,7 @@ class DisplayReader:
         if not self._waiting:
             return None
         if self._desk is not None and not self._by_pairs:
-            if not (over or self._desk.due()):
+            if not (over or self._desk.due(self._fps)):
                 return None
             start = perf_counter()
             scores = self._desk.score(clock, [composed.number for composed in self._waiting])

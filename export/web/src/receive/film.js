@@ -14,6 +14,7 @@ import { MESH } from "./states.js";
 /** @typedef {import("./states.js").RectifiedFrame} RectifiedFrame */
 
 export const { WINDOW, LEAST_FRAMES, FINE_BLOCKS, STRIDE_S, SURE } = receiveFilm;
+const { MISSED, FRESH_FRAMES } = receiveFilm;
 const { SHRINK } = filmGraph;
 
 /**
@@ -78,10 +79,18 @@ export class FilmDesk {
     if (this.#frames.length > this.#kept) this.#frames.shift();
   }
 
-  /** Whether it is time for the next window. */
-  get due() {
-    const newest = this.#frames.at(-1)?.time ?? -Infinity;
-    return this.#frames.length >= LEAST_FRAMES && newest - this.#scoredAt >= STRIDE_S;
+  /**
+   * Tell whether it is time for the next window.
+   *
+   * @param {number} fps - nominal number of frames of the camera in a second
+   */
+  due(fps) {
+    const frames = this.#frames;
+    if (frames.length < LEAST_FRAMES) return false;
+    const since = frames[frames.length - 1].time - this.#scoredAt;
+    const fresh = frames.filter(({ time }) => time > this.#scoredAt).length;
+    const isMissed = Number.isFinite(since) && since * fps > MISSED * fresh;
+    return since >= STRIDE_S && (fresh >= FRESH_FRAMES || !isMissed);
   }
 
   /**
