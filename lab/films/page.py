@@ -107,7 +107,8 @@ addEventListener("DOMContentLoaded", () => {
     if (!record.disabled) window.seen.ready ??= performance.now();
     if (!letter.hidden) window.seen.message ??= performance.now();
   };
-  for (const each of [letter, record]) new MutationObserver(look).observe(each, { attributes: true });
+  const looking = new MutationObserver(look);
+  for (const each of [letter, record]) looking.observe(each, { attributes: true });
 });
 """
 """Script that notes when the camera is open, when the page is ready to read, which allows it to

@@ -140,7 +140,7 @@ def test_displays_are_rectified_through_a_lens(
         transform(found, frame_corners(*size)), transform(H, frame_corners(*size)), within.MOVED_PX
     )
     most, mean = differences(
-        module.rectify(image, H, *size, None, ported), rectify(image, H, *size, lens)
+        module.rectify(image, H, *size, ported), rectify(image, H, *size, lens)
     )
     assert most <= 2 * within.ROUNDED_LEVELS
     assert mean < within.GROWN_MEAN

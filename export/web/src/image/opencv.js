@@ -126,3 +126,17 @@ export function floatPlane(width, height) {
 export function bytePlane(width, height) {
   return { width, height, data: new Uint8Array(width * height) };
 }
+
+/**
+ * Make a plane whose samples are of another's type, all 0.
+ *
+ * @template {Uint8Array | Float32Array} Samples
+ * @param {Plane<Samples>} plane
+ * @param {number} width
+ * @param {number} height
+ * @returns {Plane<Samples>}
+ */
+export function planeLike({ data }, width, height) {
+  const make = data instanceof Uint8Array ? bytePlane : floatPlane;
+  return /** @type {any} */ (make(width, height));
+}

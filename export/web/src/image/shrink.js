@@ -1,6 +1,6 @@
 /** Averages of the pixels that lie in each pixel of a smaller image. */
 
-import { BY, bytePlane, call, floatPlane } from "./opencv.js";
+import { BY, bytePlane, call, floatPlane, planeLike } from "./opencv.js";
 import { roundHalfEven } from "./round.js";
 
 /**
@@ -15,10 +15,9 @@ import { roundHalfEven } from "./round.js";
  * @returns {Plane<Samples>} rounded where samples are bytes
  */
 export function resizeArea(plane, width, height) {
-  const make = plane.data instanceof Uint8Array ? bytePlane : floatPlane;
-  const result = make(width, height);
+  const result = planeLike(plane, width, height);
   call("resized", [plane, plane.width, plane.height, 0, BY.area], [result]);
-  return /** @type {any} */ (result);
+  return result;
 }
 
 /**

@@ -1,6 +1,6 @@
 /** Images seen through a homography or a lens, sampled between pixels. */
 
-import { call, floatPlane } from "./opencv.js";
+import { call, floatPlane, planeLike } from "./opencv.js";
 
 /**
  * Sample a plane where a homography leads, bilinearly; beyond the border its last pixel counts.
@@ -13,11 +13,10 @@ import { call, floatPlane } from "./opencv.js";
  * @param {ArrayLike<number>} H - (3, 3) from pixels of the result to pixels of the plane
  * @param {number} width - of the result, pixels
  * @param {number} height - of the result, pixels
- * @param {Samples | null} [room] - takes the result where it has the right length
  * @returns {Plane<Samples>} rounded where samples are bytes
  */
-export function warped(plane, H, width, height, room = null) {
-  const result = planeLike(plane, width, height, room);
+export function warped(plane, H, width, height) {
+  const result = planeLike(plane, width, height);
   call("warped", [plane, Float64Array.from(H)], [result]);
   return result;
 }
@@ -45,11 +44,10 @@ export function warpedFloats(plane, H, width, height) {
  * @param {Float32Array[]} places - x and y in the plane, for each pixel of the result, row by row
  * @param {number} width - of the result, pixels
  * @param {number} height - of the result, pixels
- * @param {Samples | null} [room] - takes the result where it has the right length
  * @returns {Plane<Samples>} rounded where samples are bytes
  */
-export function remapped(plane, [xs, ys], width, height, room = null) {
-  const result = planeLike(plane, width, height, room);
+export function remapped(plane, [xs, ys], width, height) {
+  const result = planeLike(plane, width, height);
   call("remapped", [plane, xs, ys], [result]);
   return result;
 }
@@ -67,19 +65,4 @@ export function between(plane, [xs, ys], by, beyond) {
   const levels = new Float32Array(xs.length);
   call("between", [plane, xs, ys, by, beyond], [levels]);
   return levels;
-}
-
-/**
- * Make a plane whose samples are of another's type, in some room where that has the right length.
- *
- * @template {Uint8Array | Float32Array} Samples
- * @param {Plane<Samples>} plane
- * @param {number} width
- * @param {number} height
- * @param {Samples | null} room
- */
-function planeLike({ data }, width, height, room) {
-  const Type = /** @type {any} */ (data instanceof Uint8Array ? Uint8Array : Float32Array);
-  const isFit = room?.length === width * height;
-  return { width, height, data: isFit ? room : new Type(width * height) };
 }

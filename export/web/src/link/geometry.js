@@ -286,19 +286,16 @@ export function transform(H, points) {
  * @param {Homography} HCapturedFromDisplay - such as `homographyFromCorners` finds
  * @param {number} width - of the display frame, pixels
  * @param {number} height - of the display frame, pixels
- * @param {Uint8Array | null} [room] - takes the result where it has the right length
  * @param {Lens} [lens] - shows where in the image the points lie to which the homography leads
  * @returns {BytePlane}
  */
-export function rectify(
-  image, HCapturedFromDisplay, width, height, room = null, lens = STRAIGHT,
-) {
+export function rectify(image, HCapturedFromDisplay, width, height, lens = STRAIGHT) {
   const corners = transform(HCapturedFromDisplay, frameCorners(width, height));
   const factor = Math.floor(pixelsInOne(corners, width, height));
-  if (!(factor >= 2)) return sampled(image, HCapturedFromDisplay, width, height, room, lens);
+  if (!(factor >= 2)) return sampled(image, HCapturedFromDisplay, width, height, lens);
   const H = multiply3(inverse(resizedHomography(factor, factor)), HCapturedFromDisplay);
   const small = new Lens(lens.k, image.width / factor, image.height / factor);
-  return sampled(shrunkByWhole(image, factor), H, width, height, room, small);
+  return sampled(shrunkByWhole(image, factor), H, width, height, small);
 }
 
 /**
@@ -323,11 +320,10 @@ export function pixelsInOne(corners, width, height) {
  * @param {Homography} H
  * @param {number} width
  * @param {number} height
- * @param {Uint8Array | null} room
  * @param {Lens} lens
  * @returns {BytePlane}
  */
-function sampled(image, H, width, height, room, lens) {
-  if (lens.k === 0) return warped(image, H, width, height, room);
-  return remapped(image, lens.seenAt(H, width, height), width, height, room);
+function sampled(image, H, width, height, lens) {
+  if (lens.k === 0) return warped(image, H, width, height);
+  return remapped(image, lens.seenAt(H, width, height), width, height);
 }

@@ -119,3 +119,25 @@ function swapRows(matrix, cols, one, other) {
     matrix[other * cols + col] = kept;
   }
 }
+
+/**
+ * Add up the products of two arrays.
+ *
+ * @param {Numbers} a
+ * @param {Numbers} b - of its length
+ * @param {number} from - first index
+ * @param {number} to - index after the last
+ */
+export function dot(a, b, from = 0, to = a.length) {
+  // four sums, because each addition waits for the one before it
+  let [one, two, three, four] = [0, 0, 0, 0];
+  let at = from;
+  for (; at + 3 < to; at += 4) {
+    one += a[at] * b[at];
+    two += a[at + 1] * b[at + 1];
+    three += a[at + 2] * b[at + 2];
+    four += a[at + 3] * b[at + 3];
+  }
+  for (; at < to; at++) one += a[at] * b[at];
+  return one + two + (three + four);
+}

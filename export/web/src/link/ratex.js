@@ -1,6 +1,7 @@
 /** Ratex patches: known tiles of gray, of which a rectified frame shows more or less. */
 
 import { ratex } from "../generated/constants.js";
+import { dot } from "./linear.js";
 
 export const { TILES, SAMPLES, STEPS, CLEAR_MATCH } = ratex;
 
@@ -78,14 +79,4 @@ function samplePositions(cell, cells, length) {
     }
   }
   return positions;
-}
-
-/**
- * @param {Float64Array} one
- * @param {Float64Array} other
- */
-function dot(one, other) {
-  let sum = 0;
-  for (let i = 0; i < one.length; i++) sum += one[i] * other[i];
-  return sum;
 }

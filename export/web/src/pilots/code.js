@@ -9,6 +9,7 @@
 import { pilotsCode } from "../generated/constants.js";
 import { call, floatPlane } from "../image/opencv.js";
 import { roundHalfEven } from "../image/round.js";
+import { dot } from "../link/linear.js";
 import { DisplayClock, embeddedShare } from "./clock.js";
 import { lengthOf, takeOut } from "./waves.js";
 
@@ -315,17 +316,6 @@ function addTurned(sum, values, first, later, times = 1) {
   for (let phase = left; phase < sum.length; phase++) {
     sum[phase] += times * values[first + phase - left];
   }
-}
-
-/**
- * @param {ArrayLike<number>} one
- * @param {ArrayLike<number>} other - of its length
- * @returns {number} the sum of the products
- */
-function dot(one, other) {
-  let sum = 0;
-  for (let i = 0; i < one.length; i++) sum += one[i] * other[i];
-  return sum;
 }
 
 /**

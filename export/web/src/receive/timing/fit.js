@@ -8,12 +8,11 @@
  */
 
 import { receiveTimingFit } from "../../generated/constants.js";
-import { inverse, solve } from "../../link/linear.js";
+import { dot, inverse, solve } from "../../link/linear.js";
 import { PLAIN } from "../../link/pilotCode.js";
 import { CLOCK_NUMBERS, DisplayClock, embeddedShare } from "../../pilots/clock.js";
 import { CodeSearch, MOST_STATE_HZ } from "../../pilots/code.js";
 import {
-  dot,
   driftBasis,
   squares,
   takeOff,

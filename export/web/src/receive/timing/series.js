@@ -6,6 +6,7 @@
  */
 
 import { receiveTimingFit } from "../../generated/constants.js";
+import { dot } from "../../link/linear.js";
 import { quantile } from "../../link/order.js";
 
 export const { OUTLIER, SPREAD_QUANTILES } = receiveTimingFit;
@@ -129,26 +130,6 @@ export function withoutOutliers(values, places) {
     }
   }
   return seen;
-}
-
-/**
- * @param {Float64Array} a
- * @param {Float64Array} b
- * @param {number} from - first index
- * @param {number} to - index after the last
- */
-export function dot(a, b, from = 0, to = a.length) {
-  // four sums, because each addition waits for the one before it
-  let [one, two, three, four] = [0, 0, 0, 0];
-  let at = from;
-  for (; at + 3 < to; at += 4) {
-    one += a[at] * b[at];
-    two += a[at + 1] * b[at + 1];
-    three += a[at + 2] * b[at + 2];
-    four += a[at + 3] * b[at + 3];
-  }
-  for (; at < to; at++) one += a[at] * b[at];
-  return one + two + (three + four);
 }
 
 /**

@@ -89,7 +89,7 @@ export class Follower {
     const { width, height } = this.layout;
     const lens = this.lens(image);
     const H = lens.homography(corners, width, height);
-    return rectify(image, H, width, height, null, lens);
+    return rectify(image, H, width, height, lens);
   }
 
   /**
@@ -155,7 +155,7 @@ export class Follower {
     const guess = this.corners.map(([x, y], i) => [x + motion[i][0], y + motion[i][1]]);
     const lens = this.lens(image);
     const HStraightFromGuess = lens.homography(guess, width, height);
-    const rectified = rectify(image, HStraightFromGuess, width, height, null, lens);
+    const rectified = rectify(image, HStraightFromGuess, width, height, lens);
     const view = stretched(rectified, EVEN_MEAN, EVEN_DEVIATION);
     const { moved, found } = follow(reference, view, this.#points, COMPARED_PX, HALVINGS);
     if (!inImage(guess, image.width, image.height).every(Boolean)) {
