@@ -308,9 +308,9 @@ function rowsOf(series) {
  * @param {Float32Array} values - (H,)
  * @param {number} first - where the phases of the rate begin
  * @param {number} later - the phase, from 0 on, that is added to the first
- * @param {number} [times] - how often they are added
+ * @param {number} times - how often they are added
  */
-function addTurned(sum, values, first, later, times = 1) {
+function addTurned(sum, values, first, later, times) {
   const left = sum.length - later;
   for (let phase = 0; phase < left; phase++) sum[phase] += times * values[first + later + phase];
   for (let phase = left; phase < sum.length; phase++) {

@@ -8,7 +8,7 @@ import { roundHalfEven } from "../image/round.js";
 import { resizeArea } from "../image/shrink.js";
 import { warped } from "../image/warp.js";
 import { contourArea, transform } from "../link/geometry.js";
-import { identity, inverse, multiply3 } from "../link/linear.js";
+import { inverse, multiply3 } from "../link/linear.js";
 
 export const {
   WIDTH, POINTS, MIN_POINTS, CLEAR, FAINT, ROOM_POINTS, APART_PX, FLOW_PX, SAME_PX, PARTS, AGREEING,

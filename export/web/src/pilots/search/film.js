@@ -19,8 +19,9 @@ import { inverse, multiply3 } from "../../link/linear.js";
 export const { FAR_OUTSIDE, LEAST_AREA } = pilotsSearchFilm;
 
 /**
- * What is added to the step from sample to sample, in pixels, before it is cut to the whole factor
- * by which a frame is averaged down: a step of 1.65 pixels leaves so much unseen between samples.
+ * What is added to the step from sample to sample, in pixels of the frame, before it is cut to the
+ * whole factor by which the frame is averaged down. So frames are averaged from a step of 1.65
+ * pixels on, where samples would pass over too many pixels.
  */
 const AVERAGED_FROM = 0.35;
 

@@ -38,8 +38,8 @@ const { PATIENCE_S, MOST_DOUBLED, SHIFTED, STEPS_HZ } = pilotsSearchPilotSearch;
  */
 export const FRAME_WORK = 44;
 /**
- * Time, in milliseconds, after which a frame of a camera that does not wait has had its share, too:
- * the first frames take many times as long, as code is compiled while it runs.
+ * Time, in milliseconds, after which a frame of a camera that does not wait has had its share. Once
+ * frames were missed, it alone bounds the work.
  */
 export const FRAME_MS = 200;
 /** Number of nominal frames from one frame to the next above which a frame is missing. */

@@ -107,12 +107,8 @@ export function* settleSteps(proposal, first, watch) {
     best = moved(start, fit);
     known = new Map();
   }
-  let seen = 0;
   while (!weighed.toggling.clear && watch.seen - watch.frames.length < watch.confirming) {
-    yield NEXT_FRAME;
-    if (watch.seen === seen) continue;
-    // frames that have come meanwhile tell more of the clock
-    seen = watch.seen;
+    yield NEXT_FRAME; // each frame that comes tells more of the clock
     weighed = yield* weighSteps(best, watch.all, watch.fps, known);
   }
   return { proposal: { ...best, toggling: weighed.toggling }, evidence, k };
@@ -163,7 +159,7 @@ function* byClimbing({ corners, layout, toggling }, frames) {
  * @param {[number, number]} size - width and height of the map
  * @returns {Steps<Amplitudes | null>} null where corners are not sound
  */
-function* amplitudeSteps({ corners, layout, toggling }, frames, size) {
+function* amplitudeSteps({ corners, toggling }, frames, size) {
   const views = [];
   for (const frame of frames) {
     const view = frame.view(corners, ...size);
