@@ -89,10 +89,9 @@ for (const [name, words] of Object.entries(PAGES)) {
   );
   await writeFile(join(out, name), page);
 }
-await cp(
-  join(HERE, "node_modules/onnxruntime-web/dist/ort-wasm-simd-threaded.wasm"),
-  join(out, "ort-wasm-simd-threaded.wasm"),
-);
+const ort = join(HERE, "node_modules/onnxruntime-web/dist/ort-wasm-simd-threaded");
+await cp(`${ort}.wasm`, join(out, "ort.wasm"));
+await cp(`${ort}.mjs`, join(out, "ort.js")); // not every host knows what .mjs is
 await cp(join(HERE, "opencv/opencv.wasm"), join(out, "opencv.wasm"));
 await writeFile(join(out, "licences.txt"), await licences());
 const sent = join(out, "send.json");

@@ -56,14 +56,31 @@ class Ripple(nn.Module):
     def __init__(self, rows: int, cols: int) -> None:
         super().__init__()
         self.rows, self.cols = rows, cols
-        waves, freedoms = _windowed_waves()
-        self.waves, self.freedoms = table(waves), table(freedoms)
+        phases, freedoms = _wave_phases()
+        self.phases, self.freedoms = table(phases), table(freedoms)
+        self.circle = table(_circle())
+        self.taper = table(_taper())
         self.squares = table((_taper()[None, None] ** 2).astype(np.float32))
 
     @staticmethod
     def fits(rows: int, cols: int) -> bool:
         """Return whether a grid of blocks is large enough for a window."""
         return min(rows, cols) >= WINDOW
+
+    def waves(self) -> Tensor:
+        """Make the orthonormal waves of a window, times its taper.
+
+        They are looked up by their phases, because files of graphs that held them would be twice
+        as large; onnxruntime makes them when it opens a graph.
+
+        Returns:
+            (2 F, 1, WINDOW, WINDOW) float32, the cosine and the sine of each of the F frequencies;
+            zeros for a sine that vanishes everywhere.
+        """
+        scale = (self.freedoms.double().sqrt() / WINDOW)[:, :, None, None]
+        # (2, F, WINDOW, WINDOW) -> (F, 2, WINDOW, WINDOW) -> (2 F, 1, WINDOW, WINDOW)
+        both = self.circle[:, self.phases.long()].transpose(0, 1) * scale * self.taper
+        return both.reshape(-1, 1, WINDOW, WINDOW).float()
 
     def forward(self, residual: Tensor) -> Tensor:
         """Estimate the wave at each block.
@@ -75,11 +92,11 @@ class Ripple(nn.Module):
             (B, 1, rows, cols) float32, what the other blocks say of the wave at each block, in
             standard deviations.
         """
-        step = WINDOW // 2
+        step, waves = WINDOW // 2, self.waves()
         residual = residual.clamp(-MOST, MOST)
         below, beside = -self.rows % step, -self.cols % step
         padded = pad(residual, (step, step + beside, step, step + below))
-        spectrum = conv2d(padded, self.waves, stride=step)  # (B, 2 F, windows down, windows along)
+        spectrum = conv2d(padded, waves, stride=step)  # (B, 2 F, windows down, windows along)
         B, _, down, along = spectrum.shape
         spectrum = spectrum.reshape(B, -1, 2, down * along)
         squares = (spectrum * spectrum).sum(2)  # (B, F, windows)
@@ -92,7 +109,7 @@ class Ripple(nn.Module):
             conv_transpose2d(each, kernel, stride=step)[
                 :, :, step : step + self.rows, step : step + self.cols
             ]
-            for each, kernel in ((kept, self.waves), (share, self.squares))
+            for each, kernel in ((kept, waves), (share, self.squares))
         )
         own = own.clamp_max(MOST_OWN)
         return (wave - own * residual) / (1 - own)
@@ -104,24 +121,28 @@ def _taper() -> NDArray[np.float64]:
     return np.outer(side, side)
 
 
-def _windowed_waves() -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Make the orthonormal waves of a window, times its taper.
+def _circle() -> NDArray[np.float64]:
+    """Make the (2, WINDOW) cosines and sines of WINDOW angles, evenly around the circle."""
+    angle = 2 * np.pi * np.arange(WINDOW) / WINDOW
+    circle = np.stack([np.cos(angle), np.sin(angle)])
+    return np.where(np.abs(circle) < 1e-9, 0.0, circle)  # zero exactly where it is zero
+
+
+def _wave_phases() -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    """List the F frequencies of a window that are not the negative of another one.
 
     Returns:
-        waves: (2 F, 1, WINDOW, WINDOW), the cosine and the sine of each of the F frequencies.
-        freedoms: (F, 1), how many of the two are not zero: 1 where the sine vanishes.
+        phases: (F, WINDOW, WINDOW), the phase of each at each block, in WINDOW-ths of a turn.
+        freedoms: (F, 1), how many of its cosine and its sine are not zero: 1 where the sine
+            vanishes.
     """
     n, half = np.arange(WINDOW), WINDOW // 2
-    taper, alone = _taper(), (0, half)  # along an axis: a frequency that is its own negative
-    waves, freedoms = [], []
+    alone = (0, half)  # along an axis: a frequency that is its own negative
+    phases, freedoms = [], []
     for down in range(WINDOW):
         for along in range(half + 1):
             if along in alone and down > half:
                 continue  # the negative of another frequency
-            freedom = 1 if along in alone and down in alone else 2
-            angle = 2 * np.pi * (down * n[:, None] + along * n) / WINDOW
-            scale = np.sqrt(freedom) / WINDOW
-            sine = np.sin(angle) if freedom == 2 else np.zeros_like(angle)
-            waves += [scale * np.cos(angle) * taper, scale * sine * taper]
-            freedoms.append([freedom])
-    return np.stack(waves)[:, None].astype(np.float32), np.array(freedoms, np.float32)
+            phases.append((down * n[:, None] + along * n) % WINDOW)
+            freedoms.append([1 if along in alone and down in alone else 2])
+    return np.stack(phases).astype(np.uint8), np.array(freedoms, np.float32)

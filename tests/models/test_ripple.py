@@ -40,9 +40,9 @@ def test_all_waves_together_are_the_residual(shape: tuple[int, int]) -> None:
     below, beside = (-n % step for n in shape)
     whole = noise_of(shape)
     spectrum = conv2d(
-        pad(whole, (step, step + beside, step, step + below)), ripple.waves, None, step
+        pad(whole, (step, step + beside, step, step + below)), ripple.waves(), None, step
     )
-    again = conv_transpose2d(spectrum, ripple.waves, stride=step)
+    again = conv_transpose2d(spectrum, ripple.waves(), stride=step)
     kept = again[:, :, step : step + shape[0], step : step + shape[1]]
     torch.testing.assert_close(kept, whole, rtol=0, atol=FLOAT32)
 
@@ -53,7 +53,7 @@ def test_a_wave_alone_lies_in_few_frequencies() -> None:
     window = noise_of((16, 16), 3)
     taper = np.outer(*2 * [np.sin(np.pi * (np.arange(16) + 0.5) / 16)])
     power = np.abs(np.fft.fft2(window[0, 0].numpy() * taper)) ** 2 / WINDOW**2
-    spectrum = conv2d(window, ripple.waves).reshape(-1, 2)
+    spectrum = conv2d(window, ripple.waves()).reshape(-1, 2)
     mine = (spectrum**2).sum(1) / ripple.freedoms[:, 0]
     np.testing.assert_allclose(np.sort(mine), np.sort(unique_half(power)), rtol=1e-3, atol=1e-6)
 

@@ -47,16 +47,17 @@ async function warmAll() {
 /** What the worker does for another one. @typedef {typeof functions} Decoding */
 const functions = {
   /** Load onnxruntime, and the graph of the first preset. */
-  async prepare() {
-    ort.env.wasm.wasmPaths = { wasm: addressOf("ort-wasm-simd-threaded.wasm") };
-    for (const { model, layout } of await (await load("presets.json")).json()) {
-      const graph = new Uint8Array(await (await load(model)).arrayBuffer());
-      decoders.push(new Decoder(new Layout(layout), graph));
-    }
-    film = new FilmGraph(new Uint8Array(await (await load("models/film.onnx")).arrayBuffer()));
-    await decoders[0].load();
-    void warmAll();
-  },
+  prepare: () =>
+    inTurn(async () => {
+      ort.env.wasm.wasmPaths = { mjs: addressOf("ort.js"), wasm: addressOf("ort.wasm") };
+      for (const { model, layout } of await (await load("presets.json")).json()) {
+        const graph = new Uint8Array(await (await load(model)).arrayBuffer());
+        decoders.push(new Decoder(new Layout(layout), graph));
+      }
+      film = new FilmGraph(new Uint8Array(await (await load("models/film.onnx")).arrayBuffer()));
+      await decoders[0].load();
+      void warmAll();
+    }),
 
   /** @param {number} preset - whose graph is loaded, unless it is there */
   load: (preset) => inTurn(() => decoders[preset].load()),

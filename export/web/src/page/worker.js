@@ -27,7 +27,7 @@ import { addressOf, load } from "./site.js";
 /** @import { WarmFilm } from "../receive/warm.js" */
 
 /** Time after which getting ready ends, milliseconds; what is not compiled by then is so later. */
-const WARM_MS = 1500;
+const WARM_MS = 800;
 
 /** Name of the preset, by its layout. @type {Map<Layout, string>} */
 const presets = new Map();
@@ -71,20 +71,16 @@ const recording = {
   ended: () => {},
 };
 
-/** Resolves when graphs can be run. @type {Promise<void>} */
-let canDecode = Promise.resolve();
+/** Why graphs cannot be run, or null where nothing speaks against it. @type {unknown} */
+let undecodable = null;
 
 /** What the worker does for the page. @typedef {typeof functions} Reading */
 const functions = {
   /** Load OpenCV and the table of presets; their graphs are loaded meanwhile. */
   load: () => inTurn(loadAll),
 
-  /** Run everything once. */
-  warm: () =>
-    inTurn(async () => {
-      await warmUp(warmFilms, WARM_MS);
-      await canDecode;
-    }),
+  /** Run everything once; graphs, which are needed later, may not be there yet. */
+  warm: () => inTurn(() => warmUp(warmFilms, WARM_MS)),
 
   /**
    * Begin a new film or camera.
@@ -105,6 +101,7 @@ const functions = {
    */
   take: (pixels, time) =>
     inTurn(async () => {
+      if (undecodable) throw undecodable;
       const plane = await planeOf(pixels);
       [film.width, film.height] = [plane.width, plane.height];
       if (recording.wanted) return { kept: keep(plane, time) };
@@ -139,8 +136,7 @@ const functions = {
 /** Load what reading needs, but for the graphs, which are loaded beside. */
 async function loadAll() {
   const { decoding, ready } = startDecoding(addressOf("decoding.js"));
-  ready.catch(() => {}); // waited for by `warm`
-  canDecode = ready;
+  ready.catch((error) => (undecodable = error)); // the next frame tells
   filmScorer = remoteFilm(decoding);
   const [table, films] = await Promise.all([
     ...["presets.json", "warm.json"].map(async (name) => (await load(name)).json()),
