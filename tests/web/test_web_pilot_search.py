@@ -27,9 +27,9 @@ FILMS = [
     "still",
     "other layout",
 ]
-LATER, NO_EDGES_LATER = 3, 8
-"""Largest number of frames by which the page may find a display later than Python: its steps are
-finer, and what toggles is outlined in several of them."""
+LATER, NO_EDGES_LATER = 6, 8
+"""Largest number of frames by which the page may find a display later than Python: edges are looked
+at every sixth frame, and what toggles is outlined in several steps."""
 
 
 def film(name: str) -> tuple[list[Image], Array | None, list[Layout]]:

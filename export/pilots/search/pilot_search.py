@@ -19,7 +19,7 @@ import numpy as np
 
 from export.pilots.clock import DisplayClock
 from export.pilots.search.film import HeldFrame
-from export.pilots.search.proposals import PROMISING, Proposal, Proposer, weigh
+from export.pilots.search.proposals import PROMISING, STRONGEST, Proposal, Proposer, weigh
 from export.pilots.search.settle import HINT, Settled, settle
 from export.pilots.search.watch import Watch
 from link.errors import InputError
@@ -86,7 +86,6 @@ class PilotSearch:
         self._failed = 0
         self._surest_seen = 0.0
         self._watch: Watch | None = None
-        self._proposer: Proposer | None = None
         self._work: Search | None = None
 
     def push(self, image: Image, time: float) -> PilotDisplay | None:
@@ -109,20 +108,18 @@ class PilotSearch:
             self._watch = Watch(
                 image, time, self._fps, picture_moves=self.picture_moves, longer=longer
             )
-            self._proposer = self._work = None
+            self._work = None
             self._surest_seen = 0.0
             return None
-        if self._proposer is None:  # now the film can be held still
-            self._proposer = Proposer(watch, self.layouts, self._fps)
-            self._look_at(watch.first, watch, self._proposer)
+        if self._work is None:  # now the film can be held still
+            watch.add(watch.first)
+            self._work = self._search(watch)
         watch.held.append(newest)
         watch.seen += 1
         if len(watch.frames) < watch.window:
-            self._look_at(newest, watch, self._proposer)
+            watch.add(newest)
         else:
             watch.later.append(newest)
-        if self._work is None:
-            return None
         for _ in range(self._steps):
             try:
                 next(self._work)
@@ -158,32 +155,39 @@ class PilotSearch:
             held=tuple(held),
         )
 
-    def _look_at(self, frame: HeldFrame, watch: Watch, proposer: Proposer) -> None:
-        """Watch a frame, and begin the search once something looks promising, or all are seen."""
-        watch.add(frame)
-        proposer.add(frame)
-        count, every = len(watch.frames), watch.window // 4
-        if self._work is not None:
-            return
-        checked = count >= 2 * every and count % every == 0
-        promising = proposer.promising() if checked else None
-        if promising is not None or count == watch.window:
-            self._work = self._search(watch, proposer, promising)
+    def _search(self, watch: Watch) -> Search:
+        """Look for the display in the film that follows the reference.
 
-    def _search(self, watch: Watch, proposer: Proposer, promising: Proposal | None) -> Search:
-        """Settle one proposal after another until one is sure."""
-        if promising and (found := (yield from self._weigh_and_settle(promising, watch))):
-            return found
-        while len(watch.frames) < watch.window:
-            yield None
+        Edges are glanced at after half of the window and after each quarter, and what is promising
+        there is settled. Once all frames have been watched, one proposal after another is settled
+        until one is sure.
+        """
+        proposer = Proposer(watch, self.layouts, self._fps)
+        edges = proposer.edges
+        count, seen = watch.window // 2, 0
+        while seen < watch.window:
+            while len(watch.frames) < min(count, watch.window):
+                yield None
+            seen, glances = len(watch.frames), []
+            count = seen + watch.window // 4
+            for number, edge in enumerate(edges):
+                glances.append(proposer.glance(edge, seen))
+                if number % GLANCES == GLANCES - 1:
+                    yield None
+            evidence, proposal = max(glances, key=lambda each: each[0], default=(0.0, None))
+            if proposal is None or evidence <= PROMISING:
+                continue
+            if found := (yield from self._weigh_and_settle(proposal, watch)):
+                return found
         doubtful: Doubtful = []
-        strongest = proposer.strongest
+        strongest = edges[:STRONGEST]
         if found := (yield from self._fit(strongest, proposer, watch, doubtful)):
             return found
         quads, usual = yield from proposer.all_quads()
         evidences, hints = [], []
+        known = dict(zip(map(id, edges), glances, strict=True))
         for number, quad in enumerate(quads):
-            evidence, proposal = proposer.glance(quad)
+            evidence, proposal = known.get(id(quad)) or proposer.glance(quad)
             evidences.append(evidence)
             if evidence > PROMISING:
                 if found := (yield from self._weigh_and_settle(proposal, watch)):

@@ -19,13 +19,13 @@ from export.pilots.toggling import TogglePattern, Wave, find_toggling
 from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import Layout
 from link.pilot_code import PLAIN
-from link.types import Array, Corners, Map
+from link.types import Array, Corners
 
 CANDIDATES, FAINT_CANDIDATES = 6, 50
-"""Number of quadrilaterals made of edges that are watched at once, and of those made of faint edges
-among which what toggles chooses."""
+"""Number of quadrilaterals made of edges that are glanced at first, and of those made of faint
+edges among which what toggles chooses."""
 LEAVING = 2
-"""Number of quadrilaterals of edges with a corner outside the image that are watched, too."""
+"""Number of quadrilaterals of edges with a corner outside the image that are glanced at, too."""
 STRONGEST = 2
 """Number of quadrilaterals, those of the strongest edges, that the pilots are fitted to before all
 others are glanced at."""
@@ -82,64 +82,11 @@ def weigh(
     return find_toggling(values, proposal.layout, positions(frames), fps)
 
 
-class Watched:
-    """A quadrilateral, and how pilots toggle where it is a display.
-
-    Args:
-        corners: pixels of the reference frame.
-        layouts: those that it may show.
-        fps: nominal number of frames of the camera in a second.
-        quarters: of 0 and 1, the numbers of quarter turns to the left after which it may be upright
-            or upside down.
-    """
-
-    def __init__(
-        self,
-        corners: Array,
-        layouts: Sequence[Layout],
-        fps: float,
-        quarters: Sequence[int] = (0,),
-    ) -> None:
-        self.corners = corners
-        """Corners as they were given."""
-        self._layouts, self._fps = layouts, fps
-        # what blocks show in each frame, for each number of quarter turns and layout
-        self._blocks = {
-            (quarter, number): list[Map]() for quarter in quarters for number in range(len(layouts))
-        }
-
-    def take(self, view: NDArray[np.generic]) -> None:
-        """Take what the quadrilateral shows in the next frame, rectified to any size."""
-        for (quarter, number), blocks in self._blocks.items():
-            blocks.append(standing_out(np.rot90(view, quarter), self._layouts[number]))
-
-    def surest(self, at: Sequence[float]) -> tuple[float, Proposal]:
-        """Choose the layout, and the side that is up, whose pilots toggle most surely.
-
-        Args:
-            at: positions of the frames that were taken.
-
-        Returns:
-            the evidence, before it pays for what was tried, and what it speaks for.
-        """
-        found = []
-        for (quarter, number), blocks in self._blocks.items():
-            layout = self._layouts[number]
-            values = np.reshape(blocks, (len(at), -1))  # (T, rows, cols) -> (T, blocks)
-            for half in (0, 2):
-                turned = values[:, ::-1] if half else values
-                picked = list(turned[:, layout.pilot_blocks])
-                evidence, toggling = find_toggling(picked, layout, at, self._fps)
-                corners = np.roll(self.corners, -quarter - half, axis=0)
-                found.append((evidence, Proposal(corners, layout, toggling)))
-        return max(found, key=lambda each: each[0])
-
-
 class Proposer:
     """Proposes where the display may be in a film, and what it may show.
 
-    Quadrilaterals of edges in the reference are watched in every frame. What toggles, faint edges
-    and the pilots' fit propose others once all frames have been watched.
+    Quadrilaterals of edges in the reference are glanced at while frames are still being watched.
+    What toggles, faint edges and the pilots' fit propose others once all have been.
 
     Args:
         watch: the film, of which the second frame has come.
@@ -156,28 +103,12 @@ class Proposer:
         self._frequencies = sorted({float(f) for f in np.minimum(periods, 1 - periods) if f > 0})
         within = display_candidates(watch.reference, CANDIDATES)
         leaving = leaving_quads(watch.reference, LEAVING)
-        edges = [*(candidate.corners for candidate in within), *leaving]
-        self.strongest = edges[:STRONGEST]
-        """Quadrilaterals of the strongest edges, (4, 2) pixels of the reference frame each."""
-        self._edges = [Watched(corners, layouts, fps, (0, 1)) for corners in edges]
-
-    def add(self, frame: HeldFrame) -> None:
-        """Take what the edges bound in the next frame."""
-        size = 2 * self._finest[0], 2 * self._finest[1]
-        for quad in self._edges:
-            view = frame.view(quad.corners, self._largest)
-            shown = np.zeros((2, 2), np.uint8) if view is None else view
-            quad.take(cv2.resize(shown, size, interpolation=cv2.INTER_AREA))
-
-    def promising(self) -> Proposal | None:
-        """Choose the quadrilateral of edges that toggles most surely, where it is promising."""
-        at = positions(self._watch.frames)
-        surest = [quad.surest(at) for quad in self._edges]
-        evidence, proposal = max(surest, key=lambda found: found[0], default=(0.0, None))
-        return proposal if evidence > PROMISING else None
+        self.edges: list[Array] = [*(candidate.corners for candidate in within), *leaving]
+        """Quadrilaterals of edges, (4, 2) pixels of the reference frame each, the strongest
+        first."""
 
     def all_quads(self) -> Generator[None, None, tuple[list[Array], int]]:
-        """Propose quadrilaterals by faint edges, by what toggles, and by the edges watched so far.
+        """Propose quadrilaterals by faint edges, by what toggles, and by the reference's edges.
 
         Returns:
             quadrilaterals, and the number of them, from the first on, that are tried in any case.
@@ -190,26 +121,49 @@ class Proposer:
             yield None
             if outline is not None:
                 outlines.append(self._watch.on_image(outline))
-        edges = _by_turns(faint[:CANDIDATES], [quad.corners for quad in self._edges])
+        edges = _by_turns(faint[:CANDIDATES], self.edges)
         usual = [*edges, *outlines]
         framed = [inset(quad, FRAME_SHARE) for quad in edges]
         return [*usual, *framed, *faint[CANDIDATES:]], len(usual)
 
-    def glance(self, quad: Array) -> tuple[float, Proposal]:
+    def glance(self, quad: Array, count: int | None = None) -> tuple[float, Proposal]:
         """Weigh a quadrilateral, any side up, by small views of what toggles in it.
+
+        Args:
+            quad: (4, 2) pixels of the reference frame.
+            count: number of frames, from the first on, in which it is followed by its own motion;
+                None to look at all, held still as the room is, which is quicker.
 
         Returns:
             the evidence, before it pays, and what it speaks for.
         """
-        ways = [self.surest_in(corners, self._layouts) for corners in (quad, np.roll(quad, -1, 0))]
+        watch, ways = self._watch, []
+        places = watch.places(quad, count)
+        for turn in (0, 1):
+            turned = [np.roll(place, -turn, axis=0) for place in places]
+            views = watch.map.views(turned, *self._finest)
+            ways.append(self._surest(np.roll(quad, -turn, axis=0), views, self._layouts))
         return max(ways, key=lambda way: way[0])
 
     def surest_in(self, corners: Array, layouts: Sequence[Layout]) -> tuple[float, Proposal]:
         """Choose the layout, upright or upside down, that is surest in small views of corners."""
-        watched = Watched(corners, layouts, self._fps)
-        for view in self._watch.small_views(corners, self._finest):
-            watched.take(view)
-        return watched.surest(positions(self._watch.frames))
+        return self._surest(corners, self._watch.small_views(corners, self._finest), layouts)
+
+    def _surest(
+        self, corners: Array, views: NDArray[Any], layouts: Sequence[Layout]
+    ) -> tuple[float, Proposal]:
+        """Choose the layout, upright or upside down, that is surest in views of the frames."""
+        at, found = positions(self._watch.frames[: len(views)]), []
+        for layout in layouts:
+            blocks = [standing_out(view, layout) for view in views]
+            values = np.reshape(blocks, (len(at), -1))  # (T, rows, cols) -> (T, blocks)
+            for half in (0, 2):
+                turned = values[:, ::-1] if half else values
+                picked = list(turned[:, layout.pilot_blocks])
+                evidence, toggling = find_toggling(picked, layout, at, self._fps)
+                up = np.roll(corners, -half, axis=0)
+                found.append((evidence, Proposal(up, layout, toggling)))
+        return max(found, key=lambda each: each[0])
 
     def ranked(self, quads: list[Array], evidence: list[float], usual: int) -> list[int]:
         """Choose the quadrilaterals to which the pilots are fitted, and their order.

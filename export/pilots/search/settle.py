@@ -32,6 +32,9 @@ CERTAIN, CERTAIN_SHARE = 35.0, 0.75
 is enough where it is less; below it, later frames must agree."""
 CONFIRMED = 9.0
 """Evidence, before it pays for anything, that later frames must bring where they must agree."""
+LOOKS, EARLY = (0.5, 0.75, 1.0), 2.0
+"""Shares of the later frames after which it is seen whether they agree, and the evidence that must
+come on top before the last of them, because chance gets a try with each."""
 NEARLY = 0.5
 """Share of the evidence needed from which on later frames are waited for, to be weighed too."""
 HINT, CLIMBABLE = 6.0, 3.0
@@ -109,19 +112,22 @@ def settle(
     else:
         known = {}
     if evidence < certain:  # corners were fitted to these frames; later ones must agree
-        while len(agreeing := [*watch.frames[used:], *watch.later]) < watch.confirming:
-            yield None
-        agreed = weigh(best, agreeing, watch.fps, known)
-        if agreed[0] < CONFIRMED:
+        for look in LOOKS:
+            while len(later := [*watch.frames[used:], *watch.later]) < look * watch.confirming:
+                yield None
+            agreed = weigh(best, later, watch.fps, known)
+            if agreed[0] < CONFIRMED + EARLY * (look < 1):
+                continue
+            if evidence < needed:  # all frames say more, unless some were worse than later ones
+                yield None
+                together = weigh(best, [*frames, *later], watch.fps, known)
+                now, toggling = max(agreed, together, key=lambda weighed: weighed[0])
+                evidence = max(evidence, now - float(np.log(2 * tried)))
+                yield None
+            if evidence >= needed:
+                break
+        else:
             return None
-        if evidence < needed:  # all frames say more, unless some were worse than the later ones
-            yield None
-            together = weigh(best, [*frames, *agreeing], watch.fps, known)
-            evidence, toggling = max(agreed, together, key=lambda weighed: weighed[0])
-            evidence -= float(np.log(2 * tried))
-            yield None
-    if evidence < needed:
-        return None
     k = 0.0
     if best is fitted and fit is not None:
         k = yield from _through_lens(fit, start, frames[0])

@@ -1,6 +1,7 @@
 """Watch a film from a reference frame on: what a search for a display by its pilots looks at."""
 
 from collections import deque
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +65,7 @@ class Watch:
         self.map = ToggleMap()
         """What toggles in the frames watched."""
         self.fps = fps
+        self._own: dict[bytes, list[Array]] = {}
         self._stabiliser = Stabiliser(gray, far_apart=picture_moves)
         self.on_copy, self.on_image = self._stabiliser.on_copy, self._stabiliser.on_image
 
@@ -86,9 +88,29 @@ class Watch:
         self.frames.append(frame)
         self.map.add(self._stabiliser.still(frame.gray, frame.H_image_from_reference), frame.at)
 
-    def small_views(self, corners: Corners, size: tuple[int, int]) -> NDArray[np.uint8]:
+    def small_views(self, corners: Corners, size: tuple[int, int]) -> NDArray[Any]:
         """Show what corners in the reference bound, in maps of a width and height: (T, h, w)."""
-        return self.map.views(self.on_copy(corners), *size)
+        return self.map.views(self.places(corners), *size)
+
+    def places(self, corners: Corners, count: int | None = None) -> list[Array]:
+        """Find where corners in the reference lie on the map.
+
+        Args:
+            corners: pixels of the reference.
+            count: number of frames, from the first on, in which they follow their own motion: what
+                is nearer than the wall behind it moves farther when the camera moves sideways;
+                None where the room is held still.
+
+        Returns:
+            (4, 2) pixels of the map: for each of the frames, or once for all.
+        """
+        if count is None:
+            return [self.on_copy(corners)]
+        places = self._own.setdefault(corners.tobytes(), [])
+        for frame in self.frames[len(places) : count]:
+            H_reference_from_image = np.asarray(np.linalg.inv(frame.H_image_from_reference))
+            places.append(self.on_copy(transform(H_reference_from_image, frame.corners(corners))))
+        return places[:count]
 
     def worth(self, quad: Array) -> float:
         """Tell how well a quadrilateral of the reference bounds what toggles (`ToggleMap`)."""

@@ -59,7 +59,8 @@ def test_finds_the_display_its_layout_and_its_corners() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_finds_a_display_before_a_wall_that_moves_otherwise(seed: int) -> None:
-    find(*filmed(FINE, 30, seed=seed, parallax=1.0), [FINE])
+    """Its own motion, by few points, places the corners less well than that of the room."""
+    find(*filmed(FINE, 30, seed=seed, parallax=1.0), [FINE], 2 * CLOSE_PX)
 
 
 @pytest.mark.slow
@@ -207,8 +208,8 @@ def test_small_views_show_what_a_quadrilateral_bounds() -> None:
     toggle_map.add(255 - still, 1.0)
     corners = np.array([[39.5, 29.5], [99.5, 29.5], [99.5, 59.5], [39.5, 59.5]])
     bounded = still[30:60, 40:100]
-    np.testing.assert_array_equal(toggle_map.views(corners, 60, 30), [bounded, 255 - bounded])
-    turned = toggle_map.views(np.roll(corners, -1, axis=0), 30, 60)
+    np.testing.assert_array_equal(toggle_map.views([corners], 60, 30), [bounded, 255 - bounded])
+    turned = toggle_map.views([np.roll(corners, -1, axis=0)], 30, 60)
     np.testing.assert_array_equal(turned[0], np.rot90(bounded))
 
 

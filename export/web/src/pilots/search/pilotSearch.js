@@ -26,6 +26,7 @@ import { HINT, settleSteps } from "./settle.js";
 import { Watch } from "./watch.js";
 
 /** @typedef {import("./film.js").HeldFrame} HeldFrame */
+/** @typedef {import("./proposals.js").Glance} Glance */
 /** @typedef {import("./proposals.js").Proposal} Proposal */
 /** @typedef {import("./settle.js").Settled} Settled */
 /** Proposals that are settled last. @typedef {{ fit: Proposal, evidence: number }[]} Doubtful */
@@ -186,29 +187,34 @@ export class PilotSearch {
     const within = yield* candidateSteps(watch.reference, CANDIDATES);
     const leaving = yield* leavingSteps(watch.reference, LEAVING);
     const edges = [...within.map((edge) => edge.corners), ...leaving];
-    const strongest = edges.slice(0, STRONGEST);
     const proposer = new Proposer(watch, edges, this.layouts);
     yield BEGIN_WORK;
     this.#proposer = proposer;
     watch.add();
-    const promising = yield* proposer.promising();
-    if (promising !== null) {
-      const found = yield* this.#weighAndSettle(promising, watch);
+    /** What was seen at a glance of each of the edges. @type {Map<Point[], Glance>} */
+    const known = new Map();
+    const quarter = Math.floor(watch.window / 4);
+    for (let count = 2 * quarter, seen = 0; seen < watch.window; count = seen + quarter) {
+      while (watch.frames.length < Math.min(count, watch.window)) yield NEXT_FRAME;
+      seen = watch.frames.length;
+      for (const quad of edges) known.set(quad, yield* proposer.glanceSteps(quad, seen));
+      const surest = [...known.values()].sort((one, other) => other.evidence - one.evidence);
+      if (!(surest[0]?.evidence > PROMISING)) continue;
+      const found = yield* this.#weighAndSettle(surest[0].proposal, watch);
       if (found !== null) return found;
     }
-    while (watch.frames.length < watch.window) yield NEXT_FRAME;
+    const strongest = edges.slice(0, STRONGEST);
     /** @type {Doubtful} */
     const doubtful = [];
     const soon = yield* this.#fit(strongest, proposer, watch, doubtful);
     if (soon !== null) return soon;
     const { quads, usual } = yield* proposer.allQuads();
     const evidences = /** @type {number[]} */ ([]);
-    /** @type {ReturnType<Proposer["glance"]>[]} */
+    /** @type {Glance[]} */
     const hints = [];
     for (const quad of quads) {
-      const glance = proposer.glance(quad);
+      const glance = known.get(quad) ?? (yield* proposer.glanceSteps(quad));
       evidences.push(glance.evidence);
-      yield GLANCE_WORK;
       if (glance.evidence > PROMISING) {
         const found = yield* this.#weighAndSettle(glance.proposal, watch);
         if (found !== null) return found;
@@ -242,7 +248,7 @@ export class PilotSearch {
       for (const turn of [0, 1]) {
         const fit = yield* proposer.firstFit(rolled(quad, turn), rank < SHIFTED);
         if (fit === null) continue;
-        const { evidence } = proposer.surestIn(fit.corners, [fit.layout]);
+        const { evidence } = proposer.surestIn(fit.corners, fit.layout);
         yield GLANCE_WORK;
         if (!(evidence > HINT)) {
           doubtful.push({ fit, evidence });

@@ -2,7 +2,6 @@
 
 import { pilotsSearchProposals } from "../../generated/constants.js";
 import { equalised } from "../../image/levels.js";
-import { turned } from "../../image/turned.js";
 import { candidateSteps } from "../../locate/candidates.js";
 import { frameCorners, homographyFromCorners, transform } from "../../link/geometry.js";
 import { rolled } from "../../locate/quads.js";
@@ -11,7 +10,6 @@ import { expectedChanges, pilotValues, standingOut } from "../signal.js";
 import { Wave, findToggling } from "../toggling.js";
 import { COARSE_SIZE, coarseShift, roughSeries, shiftedTogglings } from "./parts.js";
 
-/** @typedef {import("../signal.js").AnyPlane} AnyPlane */
 /** @typedef {import("../toggling.js").Toggling} Toggling */
 /** @typedef {import("./film.js").HeldFrame} HeldFrame */
 /** @typedef {import("./watch.js").Watch} Watch */
@@ -28,9 +26,8 @@ export const GLANCE_WORK = 10;
 /** Units of work of the power at one frequency, and of an outline. */
 const POWER_WORK = 10;
 const OUTLINE_WORK = 20;
-/** Units of work of a layout's fit, of weighing what the edges bound, and of rough maps. */
+/** Units of work of a layout's fit, and of rough maps. */
 const FIT_WORK = 4;
-const SURE_WORK = 4;
 const ROUGH_WORK = 2;
 
 /**
@@ -38,6 +35,12 @@ const ROUGH_WORK = 2;
  * what it may show; and how it may toggle.
  *
  * @typedef {{ corners: Point[], layout: Layout, toggling: Toggling }} Proposal
+ */
+
+/**
+ * What a quadrilateral most surely shows, and the evidence, before it pays for what was tried.
+ *
+ * @typedef {{ evidence: number, proposal: Proposal }} Glance
  */
 
 /**
@@ -52,73 +55,6 @@ function byTurns(first, second) {
   const most = Math.max(first.length, second.length);
   return Array.from({ length: most }, (_, i) => [first.slice(i, i + 1), second.slice(i, i + 1)])
     .flat(2);
-}
-
-/** A quadrilateral, and how pilots toggle where it is a display. */
-export class Watched {
-  #layouts;
-  #fps;
-  #quarters;
-  /** Positions of the frames. @type {number[]} */
-  #at = [];
-  /** For each number of quarter turns and layout, what blocks show in each frame. */
-  #blocks;
-
-  /**
-   * @param {Point[]} corners - in the reference frame
-   * @param {readonly Layout[]} layouts - those that it may show
-   * @param {number} fps - nominal number of frames of the camera in a second
-   * @param {number[]} [quarters] - of 0 and 1, the numbers of quarter turns to the left after which
-   *   it may be upright or upside down
-   */
-  constructor(corners, layouts, fps, quarters = [0]) {
-    this.corners = corners;
-    this.#layouts = layouts;
-    this.#fps = fps;
-    this.#quarters = quarters;
-    this.#blocks = quarters.map(() => layouts.map(() => /** @type {Float32Array[]} */ ([])));
-  }
-
-  /**
-   * Take what the quadrilateral shows in the next frame.
-   *
-   * @param {AnyPlane | null} view - of it, rectified to any size; null where it is not sound
-   * @param {number} at - position of the frame (waves.js)
-   */
-  take(view, at) {
-    this.#at.push(at);
-    this.#quarters.forEach((quarter, number) => {
-      const shown = view && turned(view, 270 * quarter);
-      this.#layouts.forEach((layout, i) => {
-        const { rows, cols } = layout;
-        const blocks = shown ? standingOut(shown, layout) : new Float32Array(rows * cols);
-        this.#blocks[number][i].push(blocks);
-      });
-    });
-  }
-
-  /**
-   * Choose the layout, upright or upside down, whose pilots toggle most surely.
-   *
-   * @returns {{ evidence: number, proposal: Proposal }} the evidence, before it pays for what was
-   *   tried, and what it speaks for
-   */
-  surest() {
-    const found = this.#quarters.flatMap((quarter, number) =>
-      this.#layouts.flatMap((layout, i) =>
-        [0, 2].map((half) => {
-          const { pilotBlocks } = layout;
-          const last = layout.rows * layout.cols - 1;
-          const picked = half === 0 ? pilotBlocks : pilotBlocks.map((block) => last - block);
-          const values = this.#blocks[number][i].map((blocks) => chosen(blocks, picked));
-          const { evidence, toggling } = findToggling(values, layout, this.#at, this.#fps);
-          const corners = rolled(this.corners, quarter + half);
-          return { evidence, proposal: { corners, layout, toggling } };
-        }),
-      ),
-    );
-    return found.reduce((best, each) => (each.evidence > best.evidence ? each : best));
-  }
 }
 
 /**
@@ -170,77 +106,35 @@ export function positions(frames) {
 
 /**
  * Proposes where the display may be in a film, and what it may show. Quadrilaterals of edges in the
- * reference are watched in every frame. What toggles, faint edges and the pilots' fit propose
- * others once all frames have been watched.
+ * reference are glanced at while frames are still being watched. What toggles, faint edges and the
+ * pilots' fit propose others once all have been.
  */
 export class Proposer {
   #watch;
   #layouts;
-  #largest;
   #finest;
   /** Frequencies at which displays may toggle, in periods for each nominal frame. */
   #frequencies;
-  /** Quadrilaterals of edges, watched in each frame. @type {Watched[]} */
-  #edges;
 
   /**
    * @param {Watch} watch - the film
-   * @param {Point[][]} edges - quadrilaterals of edges in its reference
+   * @param {Point[][]} edges - quadrilaterals of edges in its reference, the strongest first
    * @param {readonly Layout[]} layouts - those that may be shown
    */
   constructor(watch, edges, layouts) {
     this.#watch = watch;
+    this.edges = edges;
     this.#layouts = layouts;
-    this.#largest = layouts.reduce((most, layout) =>
-      layout.width * layout.height > most.width * most.height ? layout : most,
-    );
     this.#finest = layouts.reduce((most, layout) =>
       layout.rows * layout.cols > most.rows * most.cols ? layout : most,
     );
     const periods = STATES_HZ.map((rate) => (rate / 2 / watch.fps) % 1);
     const folded = periods.map((period) => Math.min(period, 1 - period));
     this.#frequencies = [...new Set(folded)].filter((period) => period > 0).sort((a, b) => a - b);
-    this.#edges = edges.map((corners) => new Watched(corners, layouts, watch.fps, [0, 1]));
   }
 
   /**
-   * Wait until a quadrilateral of edges toggles promisingly, or the window is full.
-   *
-   * @returns {Steps<Proposal | null>} the one that toggles most surely
-   */
-  *promising() {
-    const { frames, window } = this.#watch;
-    const { width, height } = this.#largest;
-    const every = Math.floor(window / 4);
-    let taken = 0;
-    for (;;) {
-      for (; taken < frames.length; taken++) {
-        const frame = frames[taken];
-        for (const quad of this.#edges) {
-          quad.take(frame.view(quad.corners, width >> 1, height >> 1), frame.at);
-          yield VIEW_WORK;
-        }
-      }
-      const count = frames.length;
-      if (count >= 2 * every && count % every === 0) {
-        let most = PROMISING;
-        let best = null;
-        for (const quad of this.#edges) {
-          const { evidence, proposal } = quad.surest();
-          yield SURE_WORK;
-          if (!(evidence > most)) continue;
-          most = evidence;
-          best = proposal;
-        }
-        if (best !== null) return best;
-      }
-      if (count >= window) return null;
-      yield NEXT_FRAME;
-    }
-  }
-
-  /**
-   * Propose quadrilaterals by faint edges, by what toggles, and by the edges watched so far.
+   * Propose quadrilaterals by faint edges, by what toggles, and by the reference's edges.
    *
    * @returns {Steps<{ quads: Point[][], usual: number }>} quadrilaterals, and the number of them,
    *   from the first on, that are tried in any case
@@ -254,37 +148,66 @@ export class Proposer {
       yield OUTLINE_WORK;
       if (outline !== null) outlines.push(this.#watch.onImage(outline));
     }
-    const edges = byTurns(faint.slice(0, CANDIDATES), this.#edges.map(({ corners }) => corners));
+    const edges = byTurns(faint.slice(0, CANDIDATES), this.edges);
     const usual = [...edges, ...outlines];
     const framed = edges.map((quad) => inset(quad, FRAME_SHARE));
     return { quads: [...usual, ...framed, ...faint.slice(CANDIDATES)], usual: usual.length };
   }
 
   /**
-   * Weigh a quadrilateral, any side up, by small views of what toggles in it.
+   * Weigh a quadrilateral, any side up, by small views of what toggles in it, step by step.
    *
    * @param {Point[]} quad
-   * @returns {{ evidence: number, proposal: Proposal }} the evidence, before it pays, and what it
-   *   speaks for
+   * @param {number | null} [count] - of the frames, from the first on, in which it is followed by
+   *   its own motion; null to look at all, held still as the room is, which is quicker
+   * @returns {Steps<Glance>} what is surest
    */
-  glance(quad) {
-    const ways = [0, 1].map((turn) => this.surestIn(rolled(quad, turn)));
+  *glanceSteps(quad, count = null) {
+    const { cols, rows } = this.#finest;
+    const watch = this.#watch;
+    const places = watch.places(quad, count);
+    const ways = [];
+    for (const turn of [0, 1]) {
+      const views = watch.map.views(places.map((place) => rolled(place, turn)), cols, rows);
+      ways.push(this.#surest(rolled(quad, turn), views, this.#layouts));
+      yield GLANCE_WORK / 2;
+    }
     return ways[0].evidence >= ways[1].evidence ? ways[0] : ways[1];
   }
 
   /**
-   * Choose the layout, upright or upside down, whose pilots toggle most surely in small views.
+   * Choose the side of a quadrilateral that is up by small views of one layout.
+   *
+   * @param {Point[]} corners - in the reference frame, upright or upside down
+   * @param {Layout} layout - that may be shown
+   */
+  surestIn(corners, layout) {
+    const { cols, rows } = this.#finest;
+    return this.#surest(corners, this.#watch.views(corners, cols, rows), [layout]);
+  }
+
+  /**
+   * Choose the layout, upright or upside down, whose pilots toggle most surely in views.
    *
    * @param {Point[]} corners - in the reference frame
-   * @param {readonly Layout[]} [layouts] - those that may be shown
+   * @param {FloatPlane[]} views - of the first frames
+   * @param {readonly Layout[]} layouts - those that may be shown
+   * @returns {Glance}
    */
-  surestIn(corners, layouts = this.#layouts) {
-    const { rows, cols } = this.#finest;
-    const watched = new Watched(corners, layouts, this.#watch.fps);
-    const views = this.#watch.views(corners, cols, rows);
-    const at = positions(this.#watch.frames);
-    views.forEach((view, i) => watched.take(view, at[i]));
-    return watched.surest();
+  #surest(corners, views, layouts) {
+    const at = positions(this.#watch.frames.slice(0, views.length));
+    const found = layouts.flatMap((layout) => {
+      const { pilotBlocks } = layout;
+      const last = layout.rows * layout.cols - 1;
+      const blocks = views.map((view) => standingOut(view, layout));
+      return [pilotBlocks, pilotBlocks.map((block) => last - block)].map((picked, turned) => {
+        const values = blocks.map((shown) => chosen(shown, picked));
+        const { evidence, toggling } = findToggling(values, layout, at, this.#watch.fps);
+        const up = rolled(corners, 2 * turned);
+        return { evidence, proposal: { corners: up, layout, toggling } };
+      });
+    });
+    return found.reduce((best, each) => (each.evidence > best.evidence ? each : best));
   }
 
   /**

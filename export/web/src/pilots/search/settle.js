@@ -16,7 +16,8 @@ import { NEXT_FRAME, VIEW_WORK, positions, weighSteps } from "./proposals.js";
 /** @typedef {import("./watch.js").Watch} Watch */
 
 export const {
-  SURE, SURE_SHARE, TRIALS, CLIMB_TRIALS, CERTAIN, CERTAIN_SHARE, CONFIRMED, NEARLY, HINT,
+  SURE, SURE_SHARE, TRIALS, CLIMB_TRIALS, CERTAIN, CERTAIN_SHARE, CONFIRMED, LOOKS, EARLY, NEARLY,
+  HINT,
   CLIMBABLE, COARSE_ROUNDS, CLIMB_ROUNDS, BLOCK_ROUNDS, LENS_ROUNDS, SETTLED_PX,
 } = pilotsSearchSettle;
 
@@ -87,20 +88,22 @@ export function* settleSteps(proposal, first, watch) {
   if (evidence < NEARLY * needed) return null;
   if (now >= NEARLY * needed) best = fitted;
   else known = new Map();
-  if (evidence < certain) {
-    // corners were fitted to these frames; later ones must agree
-    while (watch.all.length < used + watch.confirming) yield NEXT_FRAME;
-    const agreeing = watch.all.slice(used);
-    const agreed = yield* weighSteps(best, agreeing, watch.fps, known);
-    if (agreed.evidence < CONFIRMED) return null;
+  let agrees = evidence >= certain;
+  // corners were fitted to these frames; later ones must agree
+  for (let look = 0; look < LOOKS.length && !agrees; look++) {
+    while (watch.all.length - used < LOOKS[look] * watch.confirming) yield NEXT_FRAME;
+    const later = watch.all.slice(used);
+    const agreed = yield* weighSteps(best, later, watch.fps, known);
+    if (agreed.evidence < CONFIRMED + (LOOKS[look] < 1 ? EARLY : 0)) continue;
     if (evidence < needed) {
       // all frames say more, unless some were worse than the later ones
-      weighed = yield* weighSteps(best, [...frames, ...agreeing], watch.fps, known);
+      weighed = yield* weighSteps(best, [...frames, ...later], watch.fps, known);
       if (agreed.evidence >= weighed.evidence) weighed = agreed;
-      evidence = weighed.evidence - Math.log(2 * tried);
+      evidence = Math.max(evidence, weighed.evidence - Math.log(2 * tried));
     }
+    agrees = evidence >= needed;
   }
-  if (evidence < needed) return null;
+  if (!agrees) return null;
   const isFitted = best === fitted && fit !== null;
   const k = isFitted ? yield* throughLens(fit, start, frames[0]) : 0;
   if (isFitted && k !== 0) {

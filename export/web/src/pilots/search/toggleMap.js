@@ -12,8 +12,8 @@ import { pilotsSearchToggleMap } from "../../generated/constants.js";
 import { blurred } from "../../image/blur.js";
 import { call } from "../../image/opencv.js";
 import { roundHalfEven } from "../../image/round.js";
-import { resizeArea, shrunkByWhole } from "../../image/shrink.js";
-import { warped } from "../../image/warp.js";
+import { areaMeans, resizeArea } from "../../image/shrink.js";
+import { warpedFloats } from "../../image/warp.js";
 import { homographyFromCorners, pixelsInOne, resizedHomography } from "../../link/geometry.js";
 import { inverse, multiply3 } from "../../link/linear.js";
 import { median, quantile } from "../../link/order.js";
@@ -32,7 +32,7 @@ export class ToggleMap {
   #stills = [];
   /** Positions of the frames. @type {number[]} */
   #at = [];
-  /** The frames, averaged down by whole factors. @type {Map<number, BytePlane[]>} */
+  /** The frames, averaged down by whole factors. @type {Map<number, FloatPlane[]>} */
   #shrunk = new Map();
   /** @type {Map<number, FloatPlane>} */
   #logs = new Map();
@@ -143,29 +143,38 @@ export class ToggleMap {
   }
 
   /**
-   * Show what a quadrilateral bounds in each frame, in small maps, as `rectify` does.
+   * Show what a quadrilateral bounds in frames, in small maps. Frames are averaged down where the
+   * maps are coarser, without rounding.
    *
-   * @param {Point[]} quad - pixels of the map
+   * @param {Point[][]} quads - pixels of the map: one for all frames, or one for each of the first
    * @param {number} width - of the small maps
    * @param {number} height - of the small maps
-   * @returns {BytePlane[]}
+   * @returns {FloatPlane[]}
    */
-  views(quad, width, height) {
-    const factor = Math.max(1, Math.floor(pixelsInOne(quad, width, height)));
-    const H = homographyFromCorners(quad, width, height);
-    const HOnCopy = multiply3(inverse(resizedHomography(factor, factor)), H);
-    return this.#copies(factor).map((copy) => warped(copy, HOnCopy, width, height));
+  views(quads, width, height) {
+    const factor = Math.max(1, Math.floor(pixelsInOne(quads[0], width, height)));
+    const HCopyFromStill = inverse(resizedHomography(factor, factor));
+    const ways = quads.map((quad) =>
+      multiply3(HCopyFromStill, homographyFromCorners(quad, width, height)),
+    );
+    const copies = this.#copies(factor);
+    const count = ways.length === 1 ? copies.length : ways.length;
+    return copies.slice(0, count).map((copy, at) => {
+      return warpedFloats(copy, ways[at] ?? ways[0], width, height);
+    });
   }
 
   /**
-   * Average all frames down by a whole factor.
+   * Average all frames down by a whole factor, without rounding; by 1 they stay as they are.
    *
    * @param {number} factor
-   * @returns {BytePlane[]}
+   * @returns {(BytePlane | FloatPlane)[]}
    */
   #copies(factor) {
+    if (factor === 1) return this.#stills;
+    const [across, down] = [this.width, this.height].map((side) => Math.floor(side / factor));
     const known = this.#shrunk.get(factor);
-    const copies = known ?? this.#stills.map((still) => shrunkByWhole(still, factor));
+    const copies = known ?? this.#stills.map((still) => areaMeans(still, across, down));
     this.#shrunk.set(factor, copies);
     return copies;
   }

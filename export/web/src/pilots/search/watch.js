@@ -3,7 +3,7 @@
 import { pilotsSearchWatch } from "../../generated/constants.js";
 import { roundHalfEven } from "../../image/round.js";
 import { inImage, transform } from "../../link/geometry.js";
-import { identity } from "../../link/linear.js";
+import { identity, inverse } from "../../link/linear.js";
 import { Stabiliser } from "../stabilise.js";
 import { position } from "../waves.js";
 import { HeldFrame } from "./film.js";
@@ -16,6 +16,8 @@ const { WINDOW_S, LEAST_WINDOW, MOST_WINDOW, IN_VIEW, CHECKED, HELD_S, LEAST_HEL
 export class Watch {
   #stabiliser;
   #most;
+  /** Places of corners that follow their own motion, by corners. @type {Map<Point[], Point[][]>} */
+  #own = new Map();
   /** Frames watched so far; none before the edges of the reference are known. @type {HeldFrame[]} */
   frames = [];
   /** Number of frames after the reference. */
@@ -101,7 +103,28 @@ export class Watch {
    * @param {number} height
    */
   views(corners, width, height) {
-    return this.map.views(this.#stabiliser.onCopy(corners), width, height);
+    return this.map.views(this.places(corners, null), width, height);
+  }
+
+  /**
+   * Find where corners in the reference lie on the map.
+   *
+   * @param {Point[]} corners
+   * @param {number | null} count - of the frames, from the first on, in which they follow their own
+   *   motion: what is nearer than the wall behind it moves farther when the camera moves sideways;
+   *   null where the room is held still
+   * @returns {Point[][]} pixels of the map: for each of the frames, or once for all
+   */
+  places(corners, count) {
+    if (count === null) return [this.#stabiliser.onCopy(corners)];
+    const places = this.#own.get(corners) ?? [];
+    for (const frame of this.frames.slice(places.length, count)) {
+      const HReferenceFromFrame = inverse(frame.HFrameFromReference);
+      const seen = transform(HReferenceFromFrame, frame.corners(corners));
+      places.push(this.#stabiliser.onCopy(seen));
+    }
+    this.#own.set(corners, places);
+    return places.slice(0, count);
   }
 
   /**
