@@ -10,7 +10,7 @@ import { pilotsCode } from "../generated/constants.js";
 import { call, floatPlane } from "../image/opencv.js";
 import { roundHalfEven } from "../image/round.js";
 import { dot } from "../link/linear.js";
-import { DisplayClock, embeddedShare } from "./clock.js";
+import { CLOCK_NUMBERS, DisplayClock, embeddedShare } from "./clock.js";
 import { lengthOf, takeOut } from "./waves.js";
 
 const { STATE_HZ, CLOCK_ERROR, PHASES, SLOPES, NO_SLOPE, SIDES } = pilotsCode;
@@ -90,13 +90,18 @@ export class CodeSearch {
      */
     this.waves = floatPlane(count, times.length);
     this.#energy = new Float32Array(count);
+    const [numbers, centre] = [new Float64Array(CLOCK_NUMBERS), new Float64Array(2)];
+    const wave = new Float64Array(times.length);
     for (let at = 0; at < count; at++) {
-      const { period, shutter } = this.#clock(at, NO_SLOPE);
-      const start = (-(at % this.#steps) / PHASES) * period;
-      const numbers = Float64Array.of(period, start, 0, 0, shutter);
-      const shares = embeddedShare(numbers, since, new Float64Array(2), code);
-      const wave = takeOut(shares.map((share) => 2 * share - 1), this.#drifts);
-      wave.forEach((value, t) => (this.waves.data[t * count + at] = value));
+      const rate = Math.floor(at / this.#steps);
+      const period = second / this.#hz[rate];
+      numbers[0] = period;
+      numbers[1] = (-(at % this.#steps) / PHASES) * period;
+      numbers[4] = this.#shutter[rate];
+      embeddedShare(numbers, since, centre, code, wave);
+      for (let t = 0; t < wave.length; t++) wave[t] = 2 * wave[t] - 1;
+      takeOut(wave, this.#drifts);
+      for (let t = 0; t < wave.length; t++) this.waves.data[t * count + at] = wave[t];
       this.#energy[at] = lengthOf(wave) ** 2;
     }
     this.#within = this.#part.map((parts) =>
