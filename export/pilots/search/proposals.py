@@ -96,7 +96,6 @@ class Proposer:
 
     def __init__(self, watch: Watch, layouts: Sequence[Layout], fps: float) -> None:
         self._watch, self._layouts, self._fps = watch, layouts, fps
-        self._largest = max(layouts, key=lambda layout: layout.width * layout.height)
         finest = max(layouts, key=lambda layout: layout.rows * layout.cols)
         self._finest = finest.cols, finest.rows
         periods = (np.array(STATES_HZ) / 2 / fps) % 1
@@ -137,11 +136,10 @@ class Proposer:
         Returns:
             the evidence, before it pays, and what it speaks for.
         """
-        watch, ways = self._watch, []
-        places = watch.places(quad, count)
+        ways, places = [], self._watch.places(quad, count)
         for turn in (0, 1):
             turned = [np.roll(place, -turn, axis=0) for place in places]
-            views = watch.map.views(turned, *self._finest)
+            views = self._watch.map.views(turned, *self._finest)
             ways.append(self._surest(np.roll(quad, -turn, axis=0), views, self._layouts))
         return max(ways, key=lambda way: way[0])
 
