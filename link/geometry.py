@@ -271,6 +271,12 @@ def transform(H: NDArray[np.float64], points: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(mapped[:, :2] / mapped[:, 2:])
 
 
+def whole_factor(corners: Array, width: int, height: int) -> int:
+    """Say how many whole pixels, 1 at least, make one of a display with these (4, 2) corners."""
+    top, right, bottom, left = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+    return max(1, int(min(min(top, bottom) / width, min(left, right) / height)))
+
+
 def rectify(
     image: Image,
     H_captured_from_display: Homography,
@@ -300,9 +306,7 @@ def rectify(
     [200]
     """
     H = np.asarray(H_captured_from_display, np.float64)
-    corners = transform(H, frame_corners(width, height))
-    top, right, bottom, left = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
-    factor = int(min(min(top, bottom) / width, min(left, right) / height))
+    factor = whole_factor(transform(H, frame_corners(width, height)), width, height)
     if factor >= 2:
         lens = Lens(lens.k, (image.shape[1] / factor, image.shape[0] / factor))
         rows, cols = image.shape[0] // factor * factor, image.shape[1] // factor * factor

@@ -58,7 +58,9 @@ class Ripple(nn.Module):
         self.rows, self.cols = rows, cols
         phases, freedoms = _wave_phases()
         self.phases, self.freedoms = table(phases), table(freedoms)
-        self.circle = table(_circle())
+        angle = 2 * np.pi * np.arange(WINDOW) / WINDOW
+        circle = np.stack([np.cos(angle), np.sin(angle)])
+        self.circle = table(np.where(np.abs(circle) < 1e-9, 0.0, circle))  # exactly 0 where it is
         self.taper = table(_taper())
         self.squares = table((_taper()[None, None] ** 2).astype(np.float32))
 
@@ -68,14 +70,10 @@ class Ripple(nn.Module):
         return min(rows, cols) >= WINDOW
 
     def waves(self) -> Tensor:
-        """Make the orthonormal waves of a window, times its taper.
+        """Make the (2 F, 1, WINDOW, WINDOW) waves of a window, orthonormal, times its taper.
 
-        They are looked up by their phases, because files of graphs that held them would be twice
-        as large; onnxruntime makes them when it opens a graph.
-
-        Returns:
-            (2 F, 1, WINDOW, WINDOW) float32, the cosine and the sine of each of the F frequencies;
-            zeros for a sine that vanishes everywhere.
+        A cosine and a sine of each of the F frequencies are looked up by their phases: files of
+        graphs that held them would be twice as large.
         """
         scale = (self.freedoms.double().sqrt() / WINDOW)[:, :, None, None]
         # (2, F, WINDOW, WINDOW) -> (F, 2, WINDOW, WINDOW) -> (2 F, 1, WINDOW, WINDOW)
@@ -119,13 +117,6 @@ def _taper() -> NDArray[np.float64]:
     """Make the (WINDOW, WINDOW) taper; the squares of overlapping windows' tapers add up to 1."""
     side = np.sin(np.pi * (np.arange(WINDOW) + 0.5) / WINDOW)
     return np.outer(side, side)
-
-
-def _circle() -> NDArray[np.float64]:
-    """Make the (2, WINDOW) cosines and sines of WINDOW angles, evenly around the circle."""
-    angle = 2 * np.pi * np.arange(WINDOW) / WINDOW
-    circle = np.stack([np.cos(angle), np.sin(angle)])
-    return np.where(np.abs(circle) < 1e-9, 0.0, circle)  # zero exactly where it is zero
 
 
 def _wave_phases() -> tuple[NDArray[np.uint8], NDArray[np.float32]]:

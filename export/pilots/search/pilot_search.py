@@ -158,9 +158,8 @@ class PilotSearch:
     def _search(self, watch: Watch) -> Search:
         """Look for the display in the film that follows the reference.
 
-        Edges are glanced at after half of the window and after each quarter, and what is promising
-        there is settled. Once all frames have been watched, one proposal after another is settled
-        until one is sure.
+        Edges are glanced at after half of the window and after each quarter. Once all frames have
+        been watched, one proposal after another is settled until one is sure.
         """
         proposer = Proposer(watch, self.layouts, self._fps)
         edges = proposer.edges

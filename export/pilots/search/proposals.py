@@ -103,8 +103,7 @@ class Proposer:
         within = display_candidates(watch.reference, CANDIDATES)
         leaving = leaving_quads(watch.reference, LEAVING)
         self.edges: list[Array] = [*(candidate.corners for candidate in within), *leaving]
-        """Quadrilaterals of edges, (4, 2) pixels of the reference frame each, the strongest
-        first."""
+        """Quadrilaterals of edges, (4, 2) pixels of the reference, the strongest first."""
 
     def all_quads(self) -> Generator[None, None, tuple[list[Array], int]]:
         """Propose quadrilaterals by faint edges, by what toggles, and by the reference's edges.
@@ -130,8 +129,7 @@ class Proposer:
 
         Args:
             quad: (4, 2) pixels of the reference frame.
-            count: number of frames, from the first on, in which it is followed by its own motion;
-                None to look at all, held still as the room is, which is quicker.
+            count: as `Watch.places` takes it.
 
         Returns:
             the evidence, before it pays, and what it speaks for.
@@ -145,7 +143,8 @@ class Proposer:
 
     def surest_in(self, corners: Array, layouts: Sequence[Layout]) -> tuple[float, Proposal]:
         """Choose the layout, upright or upside down, that is surest in small views of corners."""
-        return self._surest(corners, self._watch.small_views(corners, self._finest), layouts)
+        views = self._watch.map.views(self._watch.places(corners), *self._finest)
+        return self._surest(corners, views, layouts)
 
     def _surest(
         self, corners: Array, views: NDArray[Any], layouts: Sequence[Layout]
@@ -204,7 +203,7 @@ class Proposer:
         Returns:
             what fits best after a shift, or None where nothing does.
         """
-        views = self._watch.small_views(quad, COARSE_SIZE).astype(np.float32)
+        views = self._watch.map.views(self._watch.places(quad), *COARSE_SIZE).astype(np.float32)
         at = positions(self._watch.frames)
         waves = [Wave(frequency) for frequency in self._frequencies]
         best: tuple[int, Proposal] | None = None

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from export.locate.quads import upright
 from export.pilots.waves import span_of, waves
-from link.geometry import homography_from_corners, resized_homography
-from link.types import Array, Corners, Homography, Map
+from link.geometry import homography_from_corners, resized_homography, whole_factor
+from link.types import Array, Corners, Map
 
 SLOWEST = 3
 """Number of periods in a window below which no display is looked for: motion and exposure drift
@@ -53,9 +53,6 @@ FAINT, EDGE_SHARE = 0.12, 0.25
 """Averaged logarithm above the usual one at which a place speaks for lying within the outline, and
 the share of what is usual where it toggles clearly, if that is more: averaging spreads it over the
 display's edges."""
-STACKED = 4
-"""Number of frames that are rectified at once, as colours of one image: OpenCV takes up to four in
-about the time of one."""
 LEAST_SHARE = 0.01
 """Smallest share of the image that a toggling display covers."""
 
@@ -66,8 +63,7 @@ class ToggleMap:
     def __init__(self) -> None:
         self._stills: list[NDArray[np.uint8]] = []
         self._at: list[float] = []
-        # copies of the stills, averaged down by a factor, each of up to `STACKED` as one image
-        self._stacks: dict[int, list[NDArray[Any]]] = {}
+        self._shrunk: dict[int, Sequence[NDArray[Any]]] = {}
         self._logs: dict[int, Map] = {}
         self._gains: list[Map] = []
 
@@ -80,7 +76,7 @@ class ToggleMap:
         """
         self._stills.append(still)
         self._at.append(at)
-        self._stacks, self._logs, self._gains = {}, {}, []
+        self._shrunk, self._logs, self._gains = {}, {}, []
 
     def mean(self) -> NDArray[np.uint8]:
         """Average all frames so far, (h, w) uint8, rounded down."""
@@ -122,37 +118,32 @@ class ToggleMap:
     def views(self, quads: Sequence[Array], width: int, height: int) -> NDArray[Any]:
         """Show what a quadrilateral bounds in frames, (frames, height, width).
 
-        Stills are averaged down where the views are coarser, without rounding.
-
         Args:
             quads: (4, 2) pixels of the map: one for all frames, or one for each of the first ones.
             width: width of the views, pixels.
             height: height of the views, pixels.
         """
-        factor = _whole_factor(quads[0], width, height)
-        H_still_from_copy = resized_homography(factor, factor)
-        ways = [
-            np.linalg.inv(H_still_from_copy) @ homography_from_corners(quad, width, height)
-            for quad in quads
-        ]
-        stacks = self._copies(factor)
-        if len(ways) == 1:
-            seen = [_warped(stack, ways[0], (width, height)) for stack in stacks]
-            return np.concatenate([np.moveaxis(np.atleast_3d(each), 2, 0) for each in seen])
-        return np.array(
-            [
-                _warped(stacks[at // STACKED][:, :, at % STACKED], H, (width, height))
-                for at, H in enumerate(ways)
-            ]
+        factor = whole_factor(quads[0], width, height)
+        copies = self._copies(factor)
+        H_copy_from_still = np.linalg.inv(resized_homography(factor, factor))
+        ways = [H_copy_from_still @ homography_from_corners(quad, width, height) for quad in quads]
+        ways = ways * len(copies) if len(ways) == 1 else ways
+        how, size = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, (width, height)
+        views = (
+            cv2.warpPerspective(copy, H, size, flags=how, borderMode=cv2.BORDER_REPLICATE)
+            for copy, H in zip(copies, ways, strict=False)
         )
+        return np.array(list(views))
 
-    def _copies(self, factor: int) -> list[NDArray[Any]]:
-        """Average all stills down by a whole factor; up to `STACKED` of them make one image."""
-        if factor not in self._stacks:
-            copies = [_averaged(still, factor) for still in self._stills]
-            groups = range(0, len(copies), STACKED)
-            self._stacks[factor] = [np.dstack(copies[first : first + STACKED]) for first in groups]
-        return self._stacks[factor]
+    def _copies(self, factor: int) -> Sequence[NDArray[Any]]:
+        """Average all stills down by a whole factor, without rounding; 1 leaves them."""
+        if factor > 1 and factor not in self._shrunk:
+            rows, cols = (side // factor for side in self._stills[0].shape)
+            whole = [np.float32(still[: rows * factor, : cols * factor]) for still in self._stills]
+            self._shrunk[factor] = [
+                cv2.resize(each, (cols, rows), interpolation=cv2.INTER_AREA) for each in whole
+            ]
+        return self._shrunk.get(factor, self._stills)
 
     def worth(self, quad: Array) -> float:
         """Tell how well a quadrilateral bounds what toggles at one of the outlined frequencies.
@@ -178,30 +169,6 @@ class ToggleMap:
             power = cv2.GaussianBlur(real**2 + imaginary**2, (0, 0), SMOOTH_PX)
             power += 0.05 * float(np.median(power)) + 1e-6
             self._logs[number] = np.asarray(np.log(power), np.float32)
-
-
-def _whole_factor(quad: Array, width: int, height: int) -> int:
-    """Choose by how much stills are averaged down that views of some size make smaller."""
-    top, right, bottom, left = np.linalg.norm(np.roll(quad, -1, axis=0) - quad, axis=1)
-    return max(1, int(min(min(top, bottom) / width, min(left, right) / height)))
-
-
-def _averaged(still: NDArray[np.uint8], factor: int) -> NDArray[Any]:
-    """Average a still down by a whole factor, without rounding; by 1 it stays as it is."""
-    if factor == 1:
-        return still
-    rows, cols = (side // factor * factor for side in still.shape)
-    whole = still[:rows, :cols].astype(np.float32)
-    size = cols // factor, rows // factor
-    return np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA))
-
-
-def _warped(image: NDArray[Any], H: Homography, size: tuple[int, int]) -> NDArray[Any]:
-    """Resample an image where a homography from the result leads, bilinearly."""
-    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    return np.asarray(
-        cv2.warpPerspective(image, H, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
-    )
 
 
 def _spread(rate: float, ends: tuple[float, float], fastest: int, most: int) -> list[int]:

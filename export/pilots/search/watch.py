@@ -1,10 +1,8 @@
 """Watch a film from a reference frame on: what a search for a display by its pilots looks at."""
 
 from collections import deque
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from export.pilots.search.film import HeldFrame
 from export.pilots.search.toggle_map import ToggleMap
@@ -88,21 +86,13 @@ class Watch:
         self.frames.append(frame)
         self.map.add(self._stabiliser.still(frame.gray, frame.H_image_from_reference), frame.at)
 
-    def small_views(self, corners: Corners, size: tuple[int, int]) -> NDArray[Any]:
-        """Show what corners in the reference bound, in maps of a width and height: (T, h, w)."""
-        return self.map.views(self.places(corners), *size)
-
     def places(self, corners: Corners, count: int | None = None) -> list[Array]:
-        """Find where corners in the reference lie on the map.
+        """Find where corners in the reference lie, (4, 2) pixels of the map.
 
         Args:
             corners: pixels of the reference.
             count: number of frames, from the first on, in which they follow their own motion: what
-                is nearer than the wall behind it moves farther when the camera moves sideways;
-                None where the room is held still.
-
-        Returns:
-            (4, 2) pixels of the map: for each of the frames, or once for all.
+                is nearer than a wall moves farther. None for one place, the room being held still.
         """
         if count is None:
             return [self.on_copy(corners)]
