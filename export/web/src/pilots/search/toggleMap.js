@@ -153,11 +153,12 @@ export class ToggleMap {
    */
   views(quads, width, height) {
     const factor = Math.max(1, Math.floor(pixelsInOne(quads[0], width, height)));
-    const HCopyFromStill = inverse(resizedHomography(factor, factor));
+    const copies = this.#copies(factor);
+    const [x, y] = [this.width / copies[0].width, this.height / copies[0].height];
+    const HCopyFromStill = inverse(resizedHomography(x, y));
     const ways = quads.map((quad) =>
       multiply3(HCopyFromStill, homographyFromCorners(quad, width, height)),
     );
-    const copies = this.#copies(factor);
     const count = ways.length === 1 ? copies.length : ways.length;
     return copies.slice(0, count).map((copy, at) => {
       return warpedFloats(copy, ways[at] ?? ways[0], width, height);
