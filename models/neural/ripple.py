@@ -61,8 +61,8 @@ class Ripple(nn.Module):
         angle = 2 * np.pi * np.arange(WINDOW) / WINDOW
         circle = np.stack([np.cos(angle), np.sin(angle)])
         self.circle = table(np.where(np.abs(circle) < 1e-9, 0.0, circle))  # exactly 0 where it is
-        self.taper = table(_taper())
-        self.squares = table((_taper()[None, None] ** 2).astype(np.float32))
+        taper = _taper()
+        self.taper, self.squares = table(taper), table((taper[None, None] ** 2).astype(np.float32))
 
     @staticmethod
     def fits(rows: int, cols: int) -> bool:

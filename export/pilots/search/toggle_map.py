@@ -63,7 +63,7 @@ class ToggleMap:
     def __init__(self) -> None:
         self._stills: list[NDArray[np.uint8]] = []
         self._at: list[float] = []
-        self._shrunk: dict[int, Sequence[NDArray[Any]]] = {}
+        self._shrunk: dict[int, list[NDArray[Any]]] = {}
         self._logs: dict[int, Map] = {}
         self._gains: list[Map] = []
 
@@ -76,7 +76,7 @@ class ToggleMap:
         """
         self._stills.append(still)
         self._at.append(at)
-        self._shrunk, self._logs, self._gains = {}, {}, []
+        self._logs, self._gains = {}, []
 
     def mean(self) -> NDArray[np.uint8]:
         """Average all frames so far, (h, w) uint8, rounded down."""
@@ -137,13 +137,12 @@ class ToggleMap:
 
     def _copies(self, factor: int) -> Sequence[NDArray[Any]]:
         """Average all stills down by a whole factor, without rounding; 1 leaves them."""
-        if factor > 1 and factor not in self._shrunk:
-            rows, cols = (side // factor for side in self._stills[0].shape)
-            whole = [np.float32(still[: rows * factor, : cols * factor]) for still in self._stills]
-            self._shrunk[factor] = [
-                cv2.resize(each, (cols, rows), interpolation=cv2.INTER_AREA) for each in whole
-            ]
-        return self._shrunk.get(factor, self._stills)
+        shrunk = self._stills if factor == 1 else self._shrunk.setdefault(factor, [])
+        for still in self._stills[len(shrunk) :]:
+            rows, cols = (side // factor for side in still.shape)
+            whole = np.float32(still[: rows * factor, : cols * factor])
+            shrunk.append(cv2.resize(whole, (cols, rows), interpolation=cv2.INTER_AREA))
+        return shrunk
 
     def worth(self, quad: Array) -> float:
         """Tell how well a quadrilateral bounds what toggles at one of the outlined frequencies.

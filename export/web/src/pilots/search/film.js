@@ -1,17 +1,15 @@
 /** Frames of a film that are kept, and what they show of a display. */
 
 import { pilotsSearchFilm } from "../../generated/constants.js";
-import { areaMeans } from "../../image/shrink.js";
-import { warpedFloats } from "../../image/warp.js";
+import { Copies } from "../../image/copies.js";
 import {
   contourArea,
   homographyFromCorners,
   isConvex,
   pixelsInOne,
-  resizedHomography,
   transform,
 } from "../../link/geometry.js";
-import { inverse, multiply3 } from "../../link/linear.js";
+import { multiply3 } from "../../link/linear.js";
 
 /** @typedef {import("../motion.js").GridMaps} GridMaps */
 /** @typedef {import("../stabilise.js").Tracks} Tracks */
@@ -32,8 +30,8 @@ const AVERAGED_FROM = 0.35;
  * a display is held still by the points within it, and only where they do not suffice, by the room.
  */
 export class HeldFrame {
-  /** Copies of the frame, averaged down by whole factors. @type {Map<number, FloatPlane>} */
-  #copies = new Map();
+  /** The frame, which is looked at coarsely. */
+  #copies;
 
   /**
    * @param {BytePlane} gray - is kept
@@ -45,6 +43,7 @@ export class HeldFrame {
    */
   constructor(gray, HFrameFromReference, at, time, tracks = null) {
     this.gray = gray;
+    this.#copies = new Copies(gray);
     this.at = at;
     this.time = time;
     this.HFrameFromReference = HFrameFromReference;
@@ -78,7 +77,7 @@ export class HeldFrame {
     const quad = this.#quad(corners);
     if (quad === null) return null;
     const H = homographyFromCorners(quad, width, height);
-    return this.#sampled(H, pixelsInOne(quad, width, height), width, height);
+    return this.#copies.sampled(H, factorOf(quad, width, height), width, height);
   }
 
   /**
@@ -94,7 +93,7 @@ export class HeldFrame {
     const [[width, height], [across, down]] = [maps.size, maps.inner];
     const { layout } = maps;
     const H = multiply3(homographyFromCorners(quad, layout.width, layout.height), maps.toLayout());
-    return this.#sampled(H, pixelsInOne(quad, across, down), width, height);
+    return this.#copies.sampled(H, factorOf(quad, across, down), width, height);
   }
 
   /**
@@ -107,35 +106,17 @@ export class HeldFrame {
     const quad = this.corners(corners);
     return isNear(quad, this.gray.width, this.gray.height) ? quad : null;
   }
+}
 
-  /**
-   * Sample the frame, averaged down where that is coarser, where a homography leads.
-   *
-   * @param {ArrayLike<number>} H - from pixels of the result to pixels of the frame
-   * @param {number} step - from one pixel of the result to the next, in pixels of the frame
-   * @param {number} width - of the result
-   * @param {number} height - of the result
-   */
-  #sampled(H, step, width, height) {
-    const factor = Math.floor(step + AVERAGED_FROM);
-    if (factor < 2) return warpedFloats(this.gray, H, width, height);
-    const copy = this.#copy(factor);
-    const [x, y] = [this.gray.width / copy.width, this.gray.height / copy.height];
-    return warpedFloats(copy, multiply3(inverse(resizedHomography(x, y)), H), width, height);
-  }
-
-  /**
-   * Average the frame down, without rounding.
-   *
-   * @param {number} factor - whole
-   */
-  #copy(factor) {
-    const { width, height } = this.gray;
-    const [across, down] = [width, height].map((side) => Math.floor(side / factor));
-    const copy = this.#copies.get(factor) ?? areaMeans(this.gray, across, down);
-    this.#copies.set(factor, copy);
-    return copy;
-  }
+/**
+ * Say by which whole factor a frame is averaged down for a map of a size.
+ *
+ * @param {Point[]} quad - what the map shows, pixels of the frame
+ * @param {number} width - of the map
+ * @param {number} height - of the map
+ */
+function factorOf(quad, width, height) {
+  return Math.floor(pixelsInOne(quad, width, height) + AVERAGED_FROM);
 }
 
 /**

@@ -85,8 +85,6 @@ export class PilotSearch {
   #isPromising = false;
   /** What is looked at; null before the first frame. @type {Watch | null} */
   #watch = null;
-  /** Null before the edges of the reference are known. @type {Proposer | null} */
-  #proposer = null;
   /** @type {Steps<Settled | null> | null} */
   #work = null;
 
@@ -126,11 +124,11 @@ export class PilotSearch {
       const longer = this.#failed > 0 && this.layouts.some(({ code }) => !code.isPlain) ? 2 : 1;
       this.#watch = new Watch(gray, time, this.fps, this.pictureMoves, longer);
       this.#isPromising = false;
-      this.#work = this.#proposer = null;
+      this.#work = null;
       this.#surestSeen = this.#spent = 0;
       return null;
     }
-    const isWatching = this.#proposer !== null && watch.frames.length < watch.window;
+    const isWatching = watch.frames.length > 0 && watch.frames.length < watch.window;
     if (isWatching) watch.add();
     this.#work ??= this.#search(watch);
     const share = FRAME_WORK * Math.max(1, Math.round(STEPS_HZ / this.fps));
@@ -141,7 +139,7 @@ export class PilotSearch {
       const step = this.#work.next();
       if (!step.done) {
         work += step.value;
-        if ((this.#isLate || this.#proposer === null) && performance.now() >= until) break;
+        if ((this.#isLate || watch.frames.length === 0) && performance.now() >= until) break;
         continue;
       }
       if (step.value === null) return this.#fail();
@@ -189,7 +187,6 @@ export class PilotSearch {
     const edges = [...within.map((edge) => edge.corners), ...leaving];
     const proposer = new Proposer(watch, edges, this.layouts);
     yield BEGIN_WORK;
-    this.#proposer = proposer;
     watch.add();
     /** What was seen at a glance of each of the edges. @type {Map<Point[], Glance>} */
     const known = new Map();

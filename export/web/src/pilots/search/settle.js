@@ -17,8 +17,7 @@ import { NEXT_FRAME, VIEW_WORK, positions, weighSteps } from "./proposals.js";
 
 export const {
   SURE, SURE_SHARE, TRIALS, CLIMB_TRIALS, CERTAIN, CERTAIN_SHARE, CONFIRMED, LOOKS, EARLY, NEARLY,
-  HINT,
-  CLIMBABLE, COARSE_ROUNDS, CLIMB_ROUNDS, BLOCK_ROUNDS, LENS_ROUNDS, SETTLED_PX,
+  HINT, CLIMBABLE, COARSE_ROUNDS, CLIMB_ROUNDS, BLOCK_ROUNDS, LENS_ROUNDS, SETTLED_PX,
 } = pilotsSearchSettle;
 
 /** Units of work of measuring how a display toggles, and of a move of its corners. */

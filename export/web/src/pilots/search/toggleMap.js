@@ -10,12 +10,11 @@
 
 import { pilotsSearchToggleMap } from "../../generated/constants.js";
 import { blurred } from "../../image/blur.js";
+import { Copies } from "../../image/copies.js";
 import { call } from "../../image/opencv.js";
 import { roundHalfEven } from "../../image/round.js";
-import { areaMeans, resizeArea } from "../../image/shrink.js";
-import { warpedFloats } from "../../image/warp.js";
-import { homographyFromCorners, pixelsInOne, resizedHomography } from "../../link/geometry.js";
-import { inverse, multiply3 } from "../../link/linear.js";
+import { resizeArea } from "../../image/shrink.js";
+import { homographyFromCorners, pixelsInOne } from "../../link/geometry.js";
 import { median, quantile } from "../../link/order.js";
 import { quadOf, upright } from "../../locate/quads.js";
 import { alongWave, spanOf, waves } from "../waves.js";
@@ -32,8 +31,8 @@ export class ToggleMap {
   #stills = [];
   /** Positions of the frames. @type {number[]} */
   #at = [];
-  /** The frames, averaged down by whole factors. @type {Map<number, FloatPlane[]>} */
-  #shrunk = new Map();
+  /** The frames, which are looked at coarsely. @type {Copies[]} */
+  #copies = [];
   /** @type {Map<number, FloatPlane>} */
   #logs = new Map();
   /** What each pixel adds to an outline, for each that was asked for. @type {FloatPlane[]} */
@@ -57,7 +56,7 @@ export class ToggleMap {
   add(still, at) {
     this.#stills.push(still);
     this.#at.push(at);
-    this.#shrunk.clear();
+    this.#copies.push(new Copies(still));
     this.#logs.clear();
     this.#gains = [];
   }
@@ -152,32 +151,10 @@ export class ToggleMap {
    * @returns {FloatPlane[]}
    */
   views(quads, width, height) {
-    const factor = Math.max(1, Math.floor(pixelsInOne(quads[0], width, height)));
-    const copies = this.#copies(factor);
-    const [x, y] = [this.width / copies[0].width, this.height / copies[0].height];
-    const HCopyFromStill = inverse(resizedHomography(x, y));
-    const ways = quads.map((quad) =>
-      multiply3(HCopyFromStill, homographyFromCorners(quad, width, height)),
-    );
-    const count = ways.length === 1 ? copies.length : ways.length;
-    return copies.slice(0, count).map((copy, at) => {
-      return warpedFloats(copy, ways[at] ?? ways[0], width, height);
-    });
-  }
-
-  /**
-   * Average all frames down by a whole factor, without rounding; by 1 they stay as they are.
-   *
-   * @param {number} factor
-   * @returns {(BytePlane | FloatPlane)[]}
-   */
-  #copies(factor) {
-    if (factor === 1) return this.#stills;
-    const [across, down] = [this.width, this.height].map((side) => Math.floor(side / factor));
-    const known = this.#shrunk.get(factor);
-    const copies = known ?? this.#stills.map((still) => areaMeans(still, across, down));
-    this.#shrunk.set(factor, copies);
-    return copies;
+    const factor = Math.floor(pixelsInOne(quads[0], width, height));
+    const ways = quads.map((quad) => homographyFromCorners(quad, width, height));
+    const shown = ways.length === 1 ? this.#copies : this.#copies.slice(0, ways.length);
+    return shown.map((still, at) => still.sampled(ways[at] ?? ways[0], factor, width, height));
   }
 
   /**

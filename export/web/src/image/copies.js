@@ -1,0 +1,35 @@
+/** An image that is looked at coarsely. */
+
+import { resizedHomography } from "../link/geometry.js";
+import { inverse, multiply3 } from "../link/linear.js";
+import { areaMeans } from "./shrink.js";
+import { warpedFloats } from "./warp.js";
+
+/** An image, and its copies that were averaged down by whole factors, without rounding. */
+export class Copies {
+  /** @type {Map<number, FloatPlane>} */
+  #copies = new Map();
+
+  /** @param {BytePlane} image - is kept */
+  constructor(image) {
+    this.image = image;
+  }
+
+  /**
+   * Sample the image, averaged down, where a homography leads.
+   *
+   * @param {ArrayLike<number>} H - from pixels of the result to pixels of the image
+   * @param {number} factor - whole, by which the image is averaged down; below 2 it is not
+   * @param {number} width - of the result
+   * @param {number} height - of the result
+   */
+  sampled(H, factor, width, height) {
+    const { image } = this;
+    if (factor < 2) return warpedFloats(image, H, width, height);
+    const [across, down] = [image.width, image.height].map((side) => Math.floor(side / factor));
+    const copy = this.#copies.get(factor) ?? areaMeans(image, across, down);
+    this.#copies.set(factor, copy);
+    const HImageFromCopy = resizedHomography(image.width / across, image.height / down);
+    return warpedFloats(copy, multiply3(inverse(HImageFromCopy), H), width, height);
+  }
+}
