@@ -272,7 +272,7 @@ async function readCamera(deviceId) {
     if (signal.aborted) return;
     overlay.resize(video.videoWidth, video.videoHeight);
     overlay.show(null, false);
-    if (!reception.isLoaded) say(LOADING, "It takes 6 MB, once.");
+    if (!reception.isLoaded) say(LOADING, "It takes 5 MB, once.");
     else if (!reception.isReady) say(GETTING_READY, WAIT);
     showControls(stream.getVideoTracks()[0], signal).catch(() => {}); // they are left out
     void stayAwake();
