@@ -6,9 +6,9 @@ same film in one of two ways:
 
 - ``--by node``: it reads the frames from a file, in Node.js, one after another; both receivers have
   one thread.
-- ``--by chromium``: the whole page runs in Chromium, whose simulated camera plays the film over and
-  over in its own time. Frames that come while the page is busy are lost, as on a phone. Where the
-  film begins again, the display jumps, and so does its clock.
+- ``--by chromium``: the whole page runs in Chromium, whose simulated camera plays the film in its
+  own time. Frames that come while the page is busy are lost, as on a phone. The film is longer than
+  the time that the page has for it, so that it does not begin again.
 
 The seconds until the message are those of the camera, from the first frame that a receiver which
 is ready could take. Python's receiver is ready before the film begins, and the film waits for it.
@@ -64,24 +64,23 @@ RECEIVERS = ("python", "page")
 """Names of the two receivers."""
 VIEWS = (0.0, 45.0)
 """Angles between the camera and the normal of the display, degrees."""
-FILM_S = 6.3
-"""Length of a film, seconds: three times the code of `hidden`, so that the code goes on where
-Chromium's camera plays the film again."""
-CAMERA_S = 90.0
+FILM_S = {"node": 6.3, "chromium": 36.0}
+"""Length of a film, seconds, by the way in which the page reads it."""
+CAMERA_S = 30.0
 """Time, in seconds, that the page has before the camera until a film is given up."""
 FILMED_BY = ("data_gen.film.stream", "data_gen.frame_pair")
 """Modules that decide, with all that they import, what a film shows."""
 FILMED = (
     "Simulated hand-held films at 1280 × 720, 30 frames/s, of the presets at their own rates, with "
-    f"messages of 100 bytes, at 0° and 45°, each {FILM_S:g} s long."
+    "messages of 100 bytes, at 0° and 45°."
 )
 """Words above a table of films."""
 STATISTICS = "Medians; shares have 95 % intervals, ratios the least and the largest of the films."
 """Words about the numbers of a table of films."""
 READ = {
-    "node": f"Both receivers on one thread. {STATISTICS}",
+    "node": f"Each is {FILM_S['node']:g} s long. Both receivers on one thread. {STATISTICS}",
     "chromium": (
-        f"Chromium's camera plays each over and over, for at most {CAMERA_S:g} s. Seconds run from "
+        f"Chromium's camera plays each, for at most {CAMERA_S:g} s. Seconds run from "
         "the first frame that a receiver could take, which is ready by then; before that, the page "
         "is loaded and gets ready for the last column's seconds. Its frames are those that it had "
         "time for. Where the camera gives fewer than the film's 30 frames/s, the machine was too "
@@ -126,7 +125,8 @@ class PageFlags(StudyFlags):
     films: int = 20
     """Number of films of each setting."""
     kept: Path | None = None
-    """Folder in which films are kept, 0.3 GB each, so that another run need not simulate them."""
+    """Folder in which films are kept, 0.3 to 1.5 GB each, so that another run need not simulate
+    them."""
 
 
 @dataclass(frozen=True)
@@ -212,7 +212,7 @@ class PageTake:
         """Draw the film; no frame is filmed yet."""
         settings = SETTINGS[self.setting]
         frames = frames_needed(settings.n_bytes, settings.layout.n_bits, "n_bytes")
-        settings = replace(settings, loops=FILM_S * settings.state_hz / (2 * frames))
+        settings = replace(settings, loops=FILM_S[self.way] * settings.state_hz / (2 * frames))
         views, pairs_filmed = len(VIEWS), list(PAIRS)
         view = VIEWS[self.number % views]
         pair = pairs_filmed[self.number // views % len(pairs_filmed)]
@@ -231,9 +231,9 @@ def write_gray_film(filmed: MessageFilm, path: Path) -> None:
         hidden.unlink(missing_ok=True)
 
 
-def film_mark(setting: str, seed: int) -> str:
-    """Name all that decides a setting's films, apart from their numbers."""
-    drawn = repr((SETTINGS[setting], seed, FILM_S))
+def film_mark(take: PageTake) -> str:
+    """Name all that decides the films of a setting and a way, apart from their numbers."""
+    drawn = repr((SETTINGS[take.setting], take.seed, FILM_S[take.way]))
     return short_digest(drawn, code_digest(*FILMED_BY), *package_versions())
 
 
@@ -244,8 +244,7 @@ def film_file(take: PageTake, filmed: MessageFilm) -> Iterator[Path]:
         path = Path(folder) / "film.y4m"
         if take.kept is not None:
             make_folder(take.kept)
-            mark = film_mark(take.setting, take.seed)
-            path = take.kept / f"{take.setting}_{take.number}_{mark}.y4m"
+            path = take.kept / f"{take.setting}_{take.number}_{film_mark(take)}.y4m"
         if not path.is_file():
             write_gray_film(filmed, path)
         yield path

@@ -18,10 +18,41 @@ export function median(values) {
  * @returns {number}
  */
 export function quantile(values, share) {
-  const sorted = Float64Array.from(values).sort();
-  const at = share * (sorted.length - 1);
-  const low = sorted[Math.floor(at)];
-  return at % 1 ? low + (sorted[Math.ceil(at)] - low) * (at % 1) : low;
+  const parted = Float64Array.from(values);
+  const at = share * (parted.length - 1);
+  const rank = Math.floor(at);
+  part(parted, rank);
+  const low = parted[rank];
+  if (at === rank) return low;
+  let high = Infinity;
+  for (let i = rank + 1; i < parted.length; i++) high = Math.min(high, parted[i]);
+  return low + (high - low) * (at - rank);
+}
+
+/**
+ * Move values, in place, until none before a rank is larger than the one there, and none after it
+ * smaller (Hoare's quickselect).
+ *
+ * @param {Float64Array} values
+ * @param {number} rank - an index
+ */
+function part(values, rank) {
+  let [first, last] = [0, values.length - 1];
+  while (first < last) {
+    const pivot = values[(first + last) >> 1];
+    let [up, down] = [first, last];
+    while (up <= down) {
+      while (values[up] < pivot) up++;
+      while (values[down] > pivot) down--;
+      if (up > down) break;
+      [values[up], values[down]] = [values[down], values[up]];
+      up++;
+      down--;
+    }
+    if (rank <= down) last = down;
+    else if (rank >= up) first = up;
+    else return;
+  }
 }
 
 /**

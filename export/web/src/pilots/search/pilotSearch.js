@@ -81,8 +81,8 @@ export class PilotSearch {
   #surestSeen = 0;
   /** Number of frames whose share of the work was done in this search. */
   #spent = 0;
-  /** Whether something promising is looked at. */
-  #isPromising = false;
+  /** Whether a proposal is being settled; before a camera that does not wait, that is finished. */
+  #isSettling = false;
   /** What is looked at; null before the first frame. @type {Watch | null} */
   #watch = null;
   /** @type {Steps<Settled | null> | null} */
@@ -123,7 +123,7 @@ export class PilotSearch {
     if (watch === null || !isFollowed) {
       const longer = this.#failed > 0 && this.layouts.some(({ code }) => !code.isPlain) ? 2 : 1;
       this.#watch = new Watch(gray, time, this.fps, this.pictureMoves, longer);
-      this.#isPromising = false;
+      this.#isSettling = false;
       this.#work = null;
       this.#surestSeen = this.#spent = 0;
       return null;
@@ -154,7 +154,7 @@ export class PilotSearch {
     }
     this.#spent += work === Infinity ? 1 : Math.min(work, most) / share;
     const patience = PATIENCE_S * 2 ** Math.min(Math.floor(this.#failed / 2), MOST_DOUBLED);
-    const mustGoOn = this.#isLate && this.#isPromising;
+    const mustGoOn = this.#isLate && this.#isSettling;
     return this.#spent > patience * this.fps && !mustGoOn ? this.#fail() : null;
   }
 
@@ -278,9 +278,9 @@ export class PilotSearch {
    */
   *#settle(proposal, evidence, watch) {
     this.#surestSeen = Math.max(this.#surestSeen, evidence);
-    this.#isPromising = evidence > PROMISING;
+    this.#isSettling = true;
     const found = yield* settleSteps(proposal, evidence, watch);
-    this.#isPromising = false;
+    this.#isSettling = false;
     return found;
   }
 }
