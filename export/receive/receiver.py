@@ -2,7 +2,7 @@
 
 `Receiver.push` takes one camera frame through all stages. What the display shows need not be known
 beforehand: the receiver looks for the layouts of all its decoders, and goes on with the one that it
-finds (`export.receive.reader`).
+finds (`export.receive.reading.reader`).
 """
 
 from collections.abc import Sequence
@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from export.film_graph import FilmScorer
 from export.receive.decoders import PairDecoder
 from export.receive.diagnosis import Observations
-from export.receive.reader import DecodedPair, DisplayReader, Sight, StageTimes
+from export.receive.reading.reader import DecodedPair, DisplayReader
+from export.receive.reading.states import MESH, DisplayState
 from export.receive.repeats import Repeats
-from export.receive.states import MESH, DisplayState
+from export.receive.sight import Sight, StageTimes
 from export.receive.tracking.patches import DisplayTracker, Tracked, Tracker
 from export.receive.tracking.pilots import PilotTracker
 from export.receive.tracking.two_images import state_change

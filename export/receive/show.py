@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.overlay import GREEN, RED, cross_block, frame_block, outline_display
-from export.receive.reader import DecodedPair
+from export.receive.reading.reader import DecodedPair
 from export.receive.tracking.patches import Tracked
 from link.images import as_rgb
 from link.layout import Layout

@@ -11,7 +11,7 @@ from export.film_graph import FilmScorer
 from export.receive.decoders import PairDecoder
 from export.receive.diagnosis import explain_silence
 from export.receive.inbox import Inbox
-from export.receive.reader import DecodedPair
+from export.receive.reading.reader import DecodedPair
 from export.receive.receiver import Receiver, ReceiverStep
 from link.code.authenticate import Verifier
 from link.presets import preset_name

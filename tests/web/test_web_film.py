@@ -10,8 +10,8 @@ from tolerances import FILM_SCORE, FLOAT32_SUM
 from export.film_graph import FilmGraph
 from export.parity import synthetic_window
 from export.pilots.clock import DisplayClock
-from export.receive.film import FilmDesk, shrunk_gray
-from export.receive.states import MESH, RectifiedFrame
+from export.receive.reading.film import FilmDesk, shrunk_gray
+from export.receive.reading.states import MESH, RectifiedFrame
 from link.presets import PRESETS
 from models import FILM_GRAPH
 
@@ -38,7 +38,7 @@ def test_windows_are_scored_as_by_python(port):
     shown, clock = film_of()
     desk = FilmDesk(LAYOUT, FilmGraph(FILM_GRAPH, 1), 64)
     graph = port("filmGraph.js").FilmGraph(FILM_GRAPH.read_bytes())
-    ported = port("receive/film.js").FilmDesk(LAYOUT, graph, 64)
+    ported = port("receive/reading/film.js").FilmDesk(LAYOUT, graph, 64)
     ported_clock = port("pilots/clock.js").DisplayClock(*astuple(clock))
     waiting, compared, next_pair = [], 0, int(np.ceil(clock.number(shown[0].time) / 2))
     for frame in shown:

@@ -12,8 +12,13 @@ from streams import Stream, states_of
 
 from export.pilots.clock import DisplayClock
 from export.receive.diagnosis import Observations, explain_silence
+from export.receive.reading.states import (
+    RectifiedFrame,
+    block_purity,
+    compose_state,
+    points_in_view,
+)
 from export.receive.receiver import Receiver
-from export.receive.states import RectifiedFrame, block_purity, compose_state, points_in_view
 from export.receive.timing.synchronise import Toggling
 from export.runtime import Decoder
 from link.layout import make_layout
@@ -36,7 +41,7 @@ LAYOUTS = [make_layout(*grid, 512, 384) for grid in ((8, 8), (24, 32), (16, 16),
 @pytest.mark.parametrize("name", CLOCKS)
 def test_states_are_put_together_as_by_python(port, name):
     clock, numbers, seed = CLOCKS[name]
-    rng, module = np.random.default_rng(seed), port("receive/states.js")
+    rng, module = np.random.default_rng(seed), port("receive/reading/states.js")
     frames = [
         RectifiedFrame(
             number / 30 + 0.2,
@@ -67,7 +72,7 @@ def test_states_are_put_together_as_by_python(port, name):
 
 
 def test_points_in_view(port):
-    points = port("receive/states.js").pointsInView
+    points = port("receive/reading/states.js").pointsInView
     same(points(OUTSIDE.tolist(), 640, 480), points_in_view(OUTSIDE, (480, 640)))
     inside = [[0, 0], [99, 0], [99, 99], [0, 99]]
     assert points(inside, 100, 100) is None

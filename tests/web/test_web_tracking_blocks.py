@@ -6,9 +6,9 @@ import pytest
 from conftest import cases
 from port import Port, same
 
-from export.receive.occlusion import Occlusion
+from export.receive.reading.occlusion import Occlusion
+from export.receive.reading.unseen import fill_unseen, unseen_blocks
 from export.receive.repeats import Repeats
-from export.receive.unseen import fill_unseen, unseen_blocks
 from link.layout import make_layout
 from link.ratex import draw_patches
 from link.types import Array, Image
@@ -41,7 +41,7 @@ HIDING = {
 @pytest.mark.parametrize("name", HIDING)
 def test_unseen_blocks_are_filled(port: Port, name: str) -> None:
     layout, cut, hand = HIDING[name]
-    images, module = [], port("receive/unseen.js")
+    images, module = [], port("receive/reading/unseen.js")
     for embedded in (False, True):
         shown = smooth(layout.height, layout.width, 1).astype(np.uint8)
         draw_patches(shown, layout, 3, embedded=embedded)
@@ -61,7 +61,7 @@ def test_unseen_blocks_are_filled(port: Port, name: str) -> None:
 
 def test_covered_blocks_are_found(port: Port) -> None:
     """A hand passes by, the light changes, and then the picture."""
-    occlusion, ported = Occlusion(PATCHES), port("receive/occlusion.js").Occlusion(PATCHES)
+    occlusion, ported = Occlusion(PATCHES), port("receive/reading/occlusion.js").Occlusion(PATCHES)
     is_covered = []
     for number in range(14):
         shown = smooth(PATCHES.height, PATCHES.width, int(number > 11)) * (1 + 0.03 * number)

@@ -19,7 +19,7 @@ export function rounded(value, digits = 4) {
 /**
  * Say what a frame pair brought.
  *
- * @param {import("../src/receive/reader.js").DecodedPair} pair
+ * @param {import("../src/receive/reading/reader.js").DecodedPair} pair
  * @param {boolean} withScores - whether its scores are said, too
  * @returns {PairEvent}
  */

@@ -155,7 +155,7 @@ export class Receiver {
   }
 
   /**
-   * @param {import("../src/receive/reader.js").Reading} reading
+   * @param {import("../src/receive/reading/reader.js").Reading} reading
    * @returns {FilmEvent[]}
    */
   #decoded({ pairs, message }) {

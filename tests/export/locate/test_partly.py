@@ -15,9 +15,9 @@ from data_gen.pictures.library import load_pictures
 from export.locate.candidates import Located
 from export.locate.find import locate, search_steps
 from export.locate.patches import patches_in_view, seen_correlation
+from export.receive.reading.unseen import fill_unseen, unseen_blocks
 from export.receive.receiver import Receiver
 from export.receive.tracking.patches import Tracker
-from export.receive.unseen import fill_unseen, unseen_blocks
 from export.runtime import Decoder
 from link.code.steps import Steps, run_to_end
 from link.embed import embed

@@ -9,7 +9,7 @@ from conftest import cases, slow
 from numpy.typing import ArrayLike
 
 from export.pilots.clock import DisplayClock, embedded_share
-from export.receive.states import RectifiedFrame, compose_state
+from export.receive.reading.states import RectifiedFrame, compose_state
 from export.receive.timing.fit import ToggleWindow
 from export.receive.timing.synchronise import (
     AWAY_S,

@@ -7,8 +7,8 @@ import pytest
 from conftest import cases
 
 from export.receive.diagnosis import Observations, explain_silence
+from export.receive.reading.states import MESH, points_in_view
 from export.receive.receiver import Receiver
-from export.receive.states import MESH, points_in_view
 from export.receive.timing.synchronise import Toggling
 from export.runtime import Decoder
 from link.geometry import frame_corners

@@ -11,10 +11,10 @@ from scores import noisy
 
 from export.pilots.clock import DisplayClock
 from export.pilots.motion import MotionEquations
-from export.receive.occlusion import median_image
-from export.receive.reader import WORK_A_FRAME
+from export.receive.reading.occlusion import median_image
+from export.receive.reading.reader import WORK_A_FRAME
+from export.receive.reading.states import MESH, PLACES, PURE, RectifiedFrame, compose_state
 from export.receive.receiver import Receiver
-from export.receive.states import MESH, PLACES, PURE, RectifiedFrame, compose_state
 from link.code.collect import Collector, Message, make_collector
 from link.code.framing import encode
 from link.code.rateless import ITERATIONS, MAX_COLUMNS, make_rateless

@@ -13,7 +13,7 @@ from streams import Stream, events_of, states_of, write_film
 
 import export.receive.__main__ as receive_cli
 from export.receive.inbox import Inbox
-from export.receive.reader import PAIRS_A_FRAME
+from export.receive.reading.reader import PAIRS_A_FRAME
 from export.receive.receiver import Receiver, as_uint8
 from export.receive.sources import open_source
 from export.receive.timing.synchronise import MAX_SAMPLES, Synchroniser

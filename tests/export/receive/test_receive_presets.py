@@ -13,10 +13,10 @@ from streams import Stream, events_of, states_of, write_film
 import export.receive.__main__ as receive_cli
 import export.receive.decoders as decoders_module
 from export.receive.decoders import ShippedDecoder
-from export.receive.occlusion import Occlusion
-from export.receive.reader import DecodedPair
+from export.receive.reading.occlusion import Occlusion
+from export.receive.reading.reader import DecodedPair
+from export.receive.reading.states import DisplayState
 from export.receive.receiver import Receiver, make_trackers
-from export.receive.states import DisplayState
 from export.receive.stream import MAX_PRINTED_BITS, pair_event
 from export.receive.tracking.patches import Tracker
 from export.receive.tracking.pilots import PilotTracker

@@ -9,15 +9,16 @@
 
 import { images, receiveReceiver } from "../generated/constants.js";
 import { MISSING } from "../pilots/search/pilotSearch.js";
-import { DisplayReader, Sight, StageTimes } from "./reader.js";
+import { DisplayReader } from "./reading/reader.js";
 import { Repeats } from "./repeats.js";
+import { Sight, StageTimes } from "./sight.js";
 import { Tracker } from "./tracking/patches.js";
 import { PilotTracker } from "./tracking/pilots.js";
 
 /** @typedef {import("../filmGraph.js").FilmScorer} FilmScorer */
-/** @typedef {import("./reader.js").PairDecoder} PairDecoder */
-/** @typedef {import("./reader.js").Reading} Reading */
-/** @typedef {import("./reader.js").Tracked} Tracked */
+/** @typedef {import("./reading/pairs.js").PairDecoder} PairDecoder */
+/** @typedef {import("./reading/reader.js").Reading} Reading */
+/** @typedef {import("./reading/reader.js").Tracked} Tracked */
 /** @typedef {import("./tracking/patches.js").DisplayTracker} DisplayTracker */
 
 export const { MIN_SIDE_PX } = images;

@@ -10,14 +10,14 @@
  * blocks means nothing, and the receiver erases it.
  */
 
-import { receiveUnseen } from "../generated/constants.js";
-import { roundHalfEven } from "../image/round.js";
-import { resizeArea } from "../image/shrink.js";
-import { CLEAR_MATCH, TILES, matchPatches } from "../link/ratex.js";
+import { receiveReadingUnseen } from "../../generated/constants.js";
+import { roundHalfEven } from "../../image/round.js";
+import { resizeArea } from "../../image/shrink.js";
+import { CLEAR_MATCH, TILES, matchPatches } from "../../link/ratex.js";
 
 /** @typedef {{ top: number, bottom: number, left: number, right: number }} Box */
 
-const { LEAST_CLEAR } = receiveUnseen;
+const { LEAST_CLEAR } = receiveReadingUnseen;
 
 /**
  * Tell which blocks of a frame pair are not seen.

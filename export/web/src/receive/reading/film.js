@@ -5,16 +5,16 @@
  * decoder (filmGraph.js), and takes back the scores of all frame pairs that ended in it.
  */
 
-import { filmGraph, receiveFilm } from "../generated/constants.js";
-import { areaMeans } from "../image/shrink.js";
-import { expectedChanges } from "../pilots/signal.js";
+import { filmGraph, receiveReadingFilm } from "../../generated/constants.js";
+import { areaMeans } from "../../image/shrink.js";
+import { expectedChanges } from "../../pilots/signal.js";
 import { MESH } from "./states.js";
 
-/** @typedef {import("../filmGraph.js").FilmScorer} FilmScorer */
+/** @typedef {import("../../filmGraph.js").FilmScorer} FilmScorer */
 /** @typedef {import("./states.js").RectifiedFrame} RectifiedFrame */
 
-export const { WINDOW, LEAST_FRAMES, FINE_BLOCKS, STRIDE_S, SURE } = receiveFilm;
-const { MISSED, FRESH_FRAMES } = receiveFilm;
+export const { WINDOW, LEAST_FRAMES, FINE_BLOCKS, STRIDE_S, SURE } = receiveReadingFilm;
+const { MISSED, FRESH_FRAMES } = receiveReadingFilm;
 const { SHRINK } = filmGraph;
 
 /**

@@ -5,8 +5,7 @@ the display and hands its frames to the reader of its layout (`export.receive.re
 """
 
 from collections import deque
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
@@ -15,23 +14,21 @@ from numpy.typing import NDArray
 from export.film_graph import FilmScorer, reads_films
 from export.pilots.clock import DisplayClock
 from export.receive.decoders import PairDecoder
-from export.receive.diagnosis import CLIPPED, CUT
-from export.receive.film import SURE, FilmDesk, information
-from export.receive.occlusion import Occlusion
-from export.receive.states import (
+from export.receive.reading.film import SURE, FilmDesk, information
+from export.receive.reading.pairs import ComposedPair, PairScorer
+from export.receive.reading.states import (
     MESH,
     DisplayState,
     RectifiedFrame,
-    block_purity,
     compose_state,
     points_in_view,
     unseen_state,
 )
+from export.receive.sight import Sight, StageTimes
 from export.receive.timing.synchronise import Synchroniser
 from export.receive.timing.toggles import make_toggles
 from export.receive.tracking.corners import CornerShift
 from export.receive.tracking.patches import Tracked
-from export.receive.unseen import fill_unseen, unseen_blocks
 from link.code.collect import Message, make_collector
 from link.frames import SoftBits
 from link.types import Homography
@@ -49,8 +46,6 @@ frame lowers this number, for each of its blocks. The first is about 30 ms of on
 frame takes long."""
 MOST_WAITING = 36
 """Largest number of frame pairs that wait for the film decoder."""
-PURE_FROM, PURE_TO = 0.6, 0.95
-"""Purities of a block's exposure at which its score begins to count, and counts in full."""
 APART = 4.0
 """Smallest distance of the toggles' two levels, in standard deviations, at which images without a
 clock are told apart by their toggles."""
@@ -75,20 +70,6 @@ class DecodedPair:
 
 
 @dataclass(frozen=True)
-class ComposedPair:
-    """A frame pair that is over on the display, and waits to be decoded."""
-
-    number: int
-    """Number of the frame pair."""
-    original: DisplayState
-    """First state of the pair."""
-    embedded: DisplayState
-    """Second state of the pair."""
-    moved: Sequence[NDArray[np.float64] | None] = ()
-    """`BufferedFrame.moved` of the pair's frames; none where no more frames come."""
-
-
-@dataclass(frozen=True)
 class BufferedFrame:
     """A camera frame that is kept until its frame pairs can be decoded."""
 
@@ -99,69 +80,6 @@ class BufferedFrame:
     moved: NDArray[np.float64] | None
     """(8,) value of `CornerShift.total` when the frame was rectified; None where the display was
     found anew since."""
-
-
-@dataclass
-class StageTimes:
-    """Time that the receiver has spent in each of its stages."""
-
-    spent: dict[str, float] = field(default_factory=dict)
-    """Seconds spent in each stage, by its name."""
-    count: dict[str, int] = field(default_factory=dict)
-    """Number of times that each stage ran, by its name."""
-
-    def add(self, stage: str, since: float) -> None:
-        """Add the time since ``since`` (of `perf_counter`) to a stage."""
-        self.spent[stage] = self.spent.get(stage, 0.0) + perf_counter() - since
-        self.count[stage] = self.count.get(stage, 0) + 1
-
-
-@dataclass
-class Sight:
-    """Sums of what the frames show, for the reason why no message came."""
-
-    found: bool = False
-    """Whether the display was found; until then whole frames are measured, and then it alone."""
-    measured: int = 0
-    """Number of frames measured."""
-    level: float = 0.0
-    """Sum of the mean gray levels of what was measured."""
-    clipped: float = 0.0
-    """Sum of the shares of pixels at the camera's limit."""
-    cut: int = 0
-    """Number of frames with a part of the display outside the image."""
-    first: float = 0.0
-    """Time of the first frame with the display, seconds."""
-    last: float = 0.0
-    """Time of the last frame with the display, seconds."""
-    mixed: float = 0.0
-    """Sum over frame pairs of the share of the blocks' trust that mixed exposures cost."""
-    state_hz: float | None = None
-    """Number of states a second by the clock that was known last, or None where none was."""
-    exposed: float = 0.0
-    """Length of an exposure by that clock, in states."""
-
-    def miss(self, frame: NDArray[np.uint8]) -> None:
-        """Take a frame in which the display was not found."""
-        if not self.found:
-            self._measure(frame)
-
-    def see(
-        self, rectified: NDArray[np.uint8], time: float, in_view: NDArray[np.bool_] | None
-    ) -> None:
-        """Take a frame in which the display was found."""
-        if not self.found:
-            self.found, self.first = True, time
-            self.measured, self.level, self.clipped = 0, 0.0, 0.0
-        self.last = time
-        self.cut += in_view is not None and float(in_view.mean()) < CUT
-        self._measure(rectified)
-
-    def _measure(self, image: NDArray[np.uint8]) -> None:
-        sample = image[::8, ::8]
-        self.measured += 1
-        self.level += float(sample.mean())
-        self.clipped += float((sample >= CLIPPED).mean())
 
 
 class DisplayReader:
@@ -196,7 +114,7 @@ class DisplayReader:
         """Turns the scores of frame pairs into messages."""
         self._fps = fps
         self._sight = sight
-        self._occlusion = Occlusion(self.layout)
+        self._scorer = PairScorer(decoder, timing)
         self._buffer: deque[BufferedFrame] = deque(maxlen=BUFFER)
         self._next: int | None = None
         self._waiting: list[ComposedPair] = []
@@ -395,44 +313,20 @@ class DisplayReader:
             if not self._says_less(scores[last.number], last):
                 del self._waiting[: len(scores)]
                 for composed in done:
-                    covered = self._occlusion.covered(composed.original.image)
-                    self._scored.append((composed, SoftBits(scores[composed.number] * ~covered)))
+                    soft = SoftBits(scores[composed.number])
+                    self._scored.append((composed, self._scorer.without_covered(composed, soft)))
                 return self._scored.popleft()
             self._by_pairs = len(done)
         if self._alone >= PAIRS_A_FRAME and not over:
             return None
         self._alone, self._by_pairs = self._alone + 1, max(0, self._by_pairs - 1)
         composed = self._waiting.pop(0)
-        return composed, self._score_pair(composed)
+        return composed, self._scorer.score(composed)
 
     def _says_less(self, scores: NDArray[np.float64], composed: ComposedPair) -> bool:
         """Tell whether the film says less of a frame pair than its two states do."""
         known = information(scores)
-        return known < SURE and known < information(self._score_states(composed).scores)
-
-    def _score_states(self, composed: ComposedPair) -> SoftBits:
-        """Decode the two states of a pair, whatever part of them is to be trusted."""
-        start = perf_counter()
-        states = composed.original, composed.embedded
-        purity = np.minimum(states[0].purity, states[1].purity)
-        images = [state.image for state in states]
-        unseen = unseen_blocks(images[0], images[1], purity, self.layout)
-        soft = self.decoder.decode(*fill_unseen(images, unseen, self.layout))
-        trust = self._trust(composed)
-        self.timing.add("decode", start)
-        return SoftBits(soft.scores * trust, soft.head)
-
-    def _trust(self, composed: ComposedPair) -> NDArray[np.float64]:
-        """Say how far each block's states are pure enough to be told apart: (n_bits,) in [0, 1]."""
-        purity = np.minimum(composed.original.purity, composed.embedded.purity)
-        pure = block_purity(purity, self.layout)
-        return np.asarray(np.clip((pure - PURE_FROM) / (PURE_TO - PURE_FROM), 0, 1))
-
-    def _score_pair(self, composed: ComposedPair) -> SoftBits:
-        """Decode the two states of a pair, and erase what is covered or impure."""
-        soft = self._score_states(composed)
-        covered = self._occlusion.covered(composed.original.image)
-        return SoftBits(soft.scores * ~covered, soft.head)
+        return known < SURE and known < information(self._scorer.score_states(composed).scores)
 
     def _finish_pair(
         self, composed: ComposedPair, soft: SoftBits, time: float, work: float = np.inf
@@ -446,7 +340,7 @@ class DisplayReader:
             work: units of work after which decoding of the message stops for now.
         """
         start = perf_counter()
-        self._sight.mixed += 1 - float(self._trust(composed).mean())
+        self._sight.mixed += 1 - float(self._scorer.trust(composed).mean())
         original, embedded = composed.original, composed.embedded
         known = [total for total in composed.moved if total is not None]
         if known and len(known) == len(composed.moved):
@@ -484,7 +378,7 @@ class DisplayReader:
                 original, embedded = (_average(states[at + which][1]) for which in (0, 1))
                 time = states[at][1][0].time
                 composed = ComposedPair(at // 2, original, embedded)
-                pair, message = self._finish_pair(composed, self._score_pair(composed), time)
+                pair, message = self._finish_pair(composed, self._scorer.score(composed), time)
                 pairs.append(pair)
                 if message is not None:
                     return pairs, message

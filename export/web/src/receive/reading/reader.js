@@ -5,36 +5,27 @@
  * finds the display and hands its frames to the reader of its layout (receiver.js).
  */
 
-import { receiveReader } from "../generated/constants.js";
-import { makeCollector } from "../link/code/collect.js";
-import { informationOf } from "../link/code/scores.js";
-import { CLIPPED, CUT } from "./diagnosis.js";
+import { receiveReadingReader } from "../../generated/constants.js";
+import { makeCollector } from "../../link/code/collect.js";
+import { informationOf } from "../../link/code/scores.js";
 import { FilmDesk, SURE } from "./film.js";
-import { fillUnseen, unseenBlocks } from "./unseen.js";
-import { Occlusion } from "./occlusion.js";
-import { blockPurity, composeState, pointsInView, unseenState } from "./states.js";
-import { Synchroniser } from "./timing/synchronise.js";
-import { makeToggles } from "./timing/toggles.js";
-import { CornerShift } from "./tracking/corners.js";
+import { PairScorer } from "./pairs.js";
+import { composeState, pointsInView, unseenState } from "./states.js";
+import { Synchroniser } from "../timing/synchronise.js";
+import { makeToggles } from "../timing/toggles.js";
+import { CornerShift } from "../tracking/corners.js";
 
-/** @typedef {import("../filmGraph.js").FilmScorer} FilmScorer */
-/** @typedef {import("../link/code/message.js").Message} Message */
-/** @typedef {import("./tracking/patches.js").Tracked} Tracked */
+/** @typedef {import("../../filmGraph.js").FilmScorer} FilmScorer */
+/** @typedef {import("../../link/code/message.js").Message} Message */
+/** @typedef {import("../tracking/patches.js").Tracked} Tracked */
+/** @typedef {import("../sight.js").Sight} Sight */
+/** @typedef {import("../sight.js").StageTimes} StageTimes */
+/** @typedef {import("./pairs.js").ComposedPair} ComposedPair */
+/** @typedef {import("./pairs.js").PairDecoder} PairDecoder */
 /** @typedef {import("./states.js").DisplayState} DisplayState */
 /** @typedef {import("./states.js").RectifiedFrame} RectifiedFrame */
 
-export const { BUFFER, PAIRS_A_FRAME, MOST_WAITING, WORK_A_FRAME, PAIR_WORK } = receiveReader;
-export const { PURE_FROM, PURE_TO } = receiveReader;
-
-/**
- * What decodes frame pairs of one layout, such as a `Decoder`. It may be loaded beforehand.
- *
- * @typedef {object} PairDecoder
- * @property {Layout} layout
- * @property {(original: BytePlane, embedded: BytePlane) => Promise<{ scores: ArrayLike<number> }>}
- *   decode
- * @property {() => Promise<void>} [load]
- */
+export const { BUFFER, PAIRS_A_FRAME, MOST_WAITING, WORK_A_FRAME, PAIR_WORK } = receiveReadingReader;
 
 /**
  * A frame pair that the receiver has decoded.
@@ -55,98 +46,6 @@ export const { PURE_FROM, PURE_TO } = receiveReader;
  * @typedef {{ pairs: DecodedPair[], message: Message | null }} Reading
  */
 
-/** Time that the receiver has spent in each of its stages. */
-export class StageTimes {
-  constructor() {
-    /** Seconds spent in each stage, by its name. @type {Record<string, number>} */
-    this.spent = {};
-    /** Number of times that each stage ran, by its name. @type {Record<string, number>} */
-    this.count = {};
-  }
-
-  /**
-   * Add the time since a beginning to a stage.
-   *
-   * @param {string} stage
-   * @param {number} since - of `performance.now`
-   */
-  add(stage, since) {
-    this.spent[stage] = (this.spent[stage] ?? 0) + (performance.now() - since) / 1000;
-    this.count[stage] = (this.count[stage] ?? 0) + 1;
-  }
-}
-
-/** Sums of what the frames show, for the reason why no message came. */
-export class Sight {
-  constructor() {
-    /** Whether the display was found; until then whole frames are measured, then it alone. */
-    this.found = false;
-    /** Number of frames measured. */
-    this.measured = 0;
-    /** Sum of the mean gray levels of what was measured. */
-    this.level = 0;
-    /** Sum of the shares of pixels at the camera's limit. */
-    this.clipped = 0;
-    /** Number of frames with a part of the display outside the image. */
-    this.cut = 0;
-    /** Time of the first frame with the display, seconds. */
-    this.first = 0;
-    /** Time of the last frame with the display, seconds. */
-    this.last = 0;
-    /** Sum over frame pairs of the share of the blocks' trust that mixed exposures cost. */
-    this.mixed = 0;
-    /** States a second by the clock that was known last, or null. @type {number | null} */
-    this.stateHz = null;
-    /** Length of an exposure by that clock, in states. */
-    this.exposed = 0;
-  }
-
-  /**
-   * Take a frame in which the display was not found.
-   *
-   * @param {BytePlane} frame
-   */
-  miss(frame) {
-    if (!this.found) this.#measure(frame);
-  }
-
-  /**
-   * Take a frame in which the display was found.
-   *
-   * @param {BytePlane} rectified
-   * @param {number} time - seconds
-   * @param {Uint8Array | null} inView - which points of the display lie within the frame
-   */
-  see(rectified, time, inView) {
-    if (!this.found) {
-      this.found = true;
-      this.first = time;
-      this.measured = this.level = this.clipped = 0;
-    }
-    this.last = time;
-    if (inView !== null) {
-      const seen = inView.reduce((sum, value) => sum + value, 0);
-      if (seen / inView.length < CUT) this.cut++;
-    }
-    this.#measure(rectified);
-  }
-
-  /** @param {BytePlane} image */
-  #measure({ width, height, data }) {
-    let [sum, clipped, count] = [0, 0, 0];
-    for (let y = 0; y < height; y += 8) {
-      for (let at = y * width; at < (y + 1) * width; at += 8) {
-        sum += data[at];
-        if (data[at] >= CLIPPED) clipped++;
-        count++;
-      }
-    }
-    this.measured++;
-    this.level += sum / count;
-    this.clipped += clipped / count;
-  }
-}
-
 /**
  * A camera frame that is kept until its frame pairs can be decoded: the display in it; (V,) what
  * `Toggles.measure` says of it; and (8,) `CornerShift.total` when it was rectified, or null where
@@ -159,24 +58,14 @@ export class Sight {
  * }} BufferedFrame
  */
 
-/**
- * A frame pair that is over on the display and waits to be decoded, with `moved` of its frames.
- *
- * @typedef {{
- *   number: number,
- *   original: DisplayState,
- *   embedded: DisplayState,
- *   moved: (Float64Array | null)[],
- * }} ComposedPair
- * @typedef {{ composed: ComposedPair, scores: Float64Array }} ScoredPair
- */
+/** @typedef {{ composed: ComposedPair, scores: Float64Array }} ScoredPair */
 
 /** Reads the message of a display that shows one layout. */
 export class DisplayReader {
   #fps;
   #timing;
   #sight;
-  #occlusion;
+  #scorer;
   #corners;
   /** @type {BufferedFrame[]} */
   #buffer = [];
@@ -212,7 +101,7 @@ export class DisplayReader {
     this.#fps = fps;
     this.#timing = timing;
     this.#sight = sight;
-    this.#occlusion = new Occlusion(this.layout);
+    this.#scorer = new PairScorer(decoder, timing);
     this.#corners = new CornerShift(this.layout);
     this.#toggles = makeToggles(this.layout);
     this.#desk = film && this.layout.readsFilms ? new FilmDesk(this.layout, film, BUFFER) : null;
@@ -418,7 +307,7 @@ export class DisplayReader {
       } else {
         for (const composed of waiting.splice(0, scores.size)) {
           const found = scores.get(composed.number) ?? new Float32Array(0);
-          this.#scored.push({ composed, scores: this.#withoutCovered(composed, found) });
+          this.#scored.push({ composed, scores: this.#scorer.withoutCovered(composed, found) });
         }
       }
     }
@@ -428,7 +317,7 @@ export class DisplayReader {
     if (!composed) return null;
     this.#alone++;
     this.#byPairs = Math.max(0, this.#byPairs - 1);
-    return { composed, scores: await this.#scorePair(composed) };
+    return { composed, scores: await this.#scorer.score(composed) };
   }
 
   /**
@@ -440,59 +329,8 @@ export class DisplayReader {
   async #saysLess(scores, composed) {
     const known = informationOf(scores) / scores.length;
     if (known >= SURE) return false;
-    const alone = await this.#scoreStates(composed);
+    const alone = await this.#scorer.scoreStates(composed);
     return known < informationOf(alone) / alone.length;
-  }
-
-  /**
-   * Decode the two states of a pair, whatever part of them is to be trusted.
-   *
-   * @param {ComposedPair} composed
-   * @returns {Promise<Float64Array>} (nBits,) scores
-   */
-  async #scoreStates({ original, embedded }) {
-    const start = performance.now();
-    const purity = original.purity.map((share, at) => Math.min(share, embedded.purity[at]));
-    const images = [original.image, embedded.image];
-    const unseen = unseenBlocks(images[0], images[1], purity, this.layout);
-    const [first, second] = fillUnseen(images, unseen, this.layout);
-    const soft = await this.decoder.decode(first, second);
-    const scores = this.#trust({ original, embedded }).map((trust, bit) => soft.scores[bit] * trust);
-    this.#timing.add("decode", start);
-    return scores;
-  }
-
-  /**
-   * Say how far each block's states are pure enough to be told apart.
-   *
-   * @param {Pick<ComposedPair, "original" | "embedded">} composed
-   * @returns {Float64Array} (nBits,) in [0, 1]
-   */
-  #trust({ original, embedded }) {
-    const purity = original.purity.map((share, at) => Math.min(share, embedded.purity[at]));
-    return blockPurity(purity, this.layout).map((pure) =>
-      Math.min(Math.max((pure - PURE_FROM) / (PURE_TO - PURE_FROM), 0), 1),
-    );
-  }
-
-  /**
-   * Decode the two states of a pair, and erase what is covered or impure.
-   *
-   * @param {ComposedPair} composed
-   */
-  async #scorePair(composed) {
-    return this.#withoutCovered(composed, await this.#scoreStates(composed));
-  }
-
-  /**
-   * Erase what something in front of the display covers.
-   *
-   * @param {ComposedPair} composed
-   * @param {Float32Array | Float64Array} scores
-   */
-  #withoutCovered({ original }, scores) {
-    const covered = this.#occlusion.covered(original.image);
-    return Float64Array.from(scores, (score, bit) => (covered[bit] ? 0 : score));
   }
 
   /**
@@ -505,7 +343,7 @@ export class DisplayReader {
   #finishPair({ composed, scores }, time, work) {
     const { number, original, embedded, moved } = composed;
     let start = performance.now();
-    const trust = this.#trust(composed);
+    const trust = this.#scorer.trust(composed);
     this.#sight.mixed += 1 - trust.reduce((sum, share) => sum + share, 0) / trust.length;
     const total = meanOf(moved);
     if (total !== null) this.#corners.take(original.image, embedded.image, scores, total);

@@ -1,10 +1,10 @@
 /** Find the blocks that something in front of the display covers; they become erasures. */
 
-import { receiveOcclusion } from "../generated/constants.js";
-import { resizeArea } from "../image/shrink.js";
-import { median } from "../link/order.js";
+import { receiveReadingOcclusion } from "../../generated/constants.js";
+import { resizeArea } from "../../image/shrink.js";
+import { median } from "../../link/order.js";
 
-const { BLOCK_PX, ROWS_PX, HISTORY, STANDS_OUT, MIN_LEVELS, MAX_COVERED } = receiveOcclusion;
+const { BLOCK_PX, ROWS_PX, HISTORY, STANDS_OUT, MIN_LEVELS, MAX_COVERED } = receiveReadingOcclusion;
 
 /** Compares each original frame with the median of the last ones. */
 export class Occlusion {
