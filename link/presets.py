@@ -125,7 +125,7 @@ PRESETS = {
         kappa=3,
         state_hz=30.0,
         line_code="toggle",
-        purpose="To send much: most bits a second, with 60 frames a second; it flickers.",
+        purpose="To send much: most bits a second; it flickers.",
     ),
     "robust": Preset(
         make_layout(24, 32, modulation="antipodal", pilots="auto"),

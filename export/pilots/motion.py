@@ -126,16 +126,13 @@ class MotionEquations:
     """Adds up what maps of a change tell of the eight numbers.
 
     Args:
-        size: width and height of the display, in pixels of the maps.
-        places: (w,) x of each column and (h,) y of each row, of a display from -1 to 1.
+        maps: geometry of the maps.
         dtype: type in which rows are summed; a short one is quicker.
     """
 
-    def __init__(
-        self, size: tuple[int, int], places: tuple[Array, Array], dtype: DTypeLike = np.float64
-    ) -> None:
-        self._size = size
-        self._x, self._y = (np.vander(place, POWERS, increasing=True) for place in places)
+    def __init__(self, maps: GridMaps, dtype: DTypeLike = np.float64) -> None:
+        self._size = maps.inner
+        self._x, self._y = (np.vander(place, POWERS, increasing=True) for place in maps.places())
         self._x = self._x.astype(dtype)
         self._squares: list[Map | float] = [0.0, 0.0, 0.0]
         self._products: list[Map | float] = [0.0, 0.0]

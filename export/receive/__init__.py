@@ -1,9 +1,8 @@
 """The receiver turns camera frames into a message.
 
 `sources` opens a folder, video or camera, `receiver` takes its frames, and `stream` says what each
-of them brought. `tracking` keeps the display in sight, and `reader` reads it: `timing` finds when
-it changes states, `states` puts the states together, `unseen` and `occlusion` erase what is not
-seen. `diagnosis` says why no message came, and `show` draws what was decided.
+of them brought. `tracking` keeps the display in sight, `timing` finds when it changes states, and
+`reading` reads its bits. `diagnosis` says why no message came, and `show` draws what was decided.
 """
 
 import os

@@ -72,7 +72,7 @@ WORDS = {
     "many states": "; the display shows {state_hz:.1f} states a second, and the camera takes "
     "{fps:g} frames: film closer or at a higher rate, or send at {half_fps:g} states a second",
     "long": "; each exposure lasts for {exposed:.1f} of the display's states, which blurs them: "
-    "one of 1/{best:.0f} s or less reads faster",
+    "one of 1/{state_hz:.0f} s or less reads faster",
     "too little": "; film longer or closer, or send with a larger --kappa",
 }
 """Parts of the line by what was seen, with places for numbers as `str.format` takes them. The page
@@ -129,7 +129,6 @@ of 255): come closer, or turn the display brighter'
     values = {
         **vars(seen),
         "half_fps": seen.fps / 2,
-        "best": seen.state_hz or 0.0,
         "fast": fast,
         "fast_hz": PRESET_HZ.get(fast),
         "needed_fps": needed_fps,
@@ -156,6 +155,7 @@ def reasons(seen: Observations) -> list[str]:
     if seen.refused:
         return ["refused"]
     slow = ["slow"] if too_fast(seen) else []
+    coded = any(LEAST_FPS[name] < PRESET_HZ[name] for name in seen.presets)
     if seen.found == 0:
         cause = "nothing, dark" if dark else "nothing, bright" if bright else "nothing, else"
         return ["nothing", cause, *slow]
@@ -164,7 +164,7 @@ def reasons(seen: Observations) -> list[str]:
     if seen.decoded > 0:
         if seen.exposed > LONG:
             return [*parts, "pairs", "long"]
-        if slow or seen.state_hz is None or seen.state_hz <= TOO_FAST * seen.fps:
+        if slow or coded or seen.state_hz is None or seen.state_hz <= TOO_FAST * seen.fps:
             return [*parts, "pairs", *(slow or ["too little"])]
         return [*parts, "pairs", "too fast" if seen.mixed > MIXED else "many states"]
     if slow:

@@ -25,7 +25,8 @@ from link.code.framing import (
     parity_mask,
     signatures,
 )
-from link.code.message import MAX_SCORE, Message
+from link.code.message import Message
+from link.code.scores import agreement_of, cut_scores, information_of
 
 SURE = 1e-4
 """Largest posterior probability of all other hypotheses together at which a run is placed."""
@@ -95,9 +96,7 @@ class LoopScores:
     @property
     def progress(self) -> float:
         """Information received, as a share of what is needed: about 1 when the message is whole."""
-        llr = np.abs(self.sums[:, SIGNATURE:])
-        entropy = np.log1p(np.exp(-llr)) + llr / (1 + np.exp(llr))
-        received = float((1 - entropy / np.log(2)).sum())
+        received = information_of(self.sums[:, SIGNATURE:])
         return received / (8 * information_bytes(self.frames, self.sums.shape[1]))
 
     def worth_decoding(self) -> bool:
@@ -149,34 +148,13 @@ class DeliveredMessage:
 
 
 class CoarseCollector:
-    """Collects frames until the message is whole, and then until another one is.
-
-    A message is returned once. It is returned again only after another one was.
-
-    Args:
-        n_bits: message blocks of a frame.
-
-    Raises:
-        InputError: the frames have too few blocks for a signature.
-
-    The receiver joins the loop at its third frame and does not know how long the loop is:
-
-    >>> loop = encode(b"Hello", n_bits=59)
-    >>> collector, message = CoarseCollector(n_bits=59), None
-    >>> for count in range(len(loop)):
-    ...     message = message or collector.add(9.0 * loop[(count + 2) % len(loop)] - 4.5, count)
-    >>> message.text
-    'Hello'
-    """
+    """Collects frames of coarse grids; arguments and methods are those of `Collector`."""
 
     def __init__(self, n_bits: int) -> None:
         check_bits(n_bits)
         self.n_bits = n_bits
         self.progress = 0.0
-        """Information received, as a share of what is needed: about 1 when the message is whole.
-        It is 1 while the display goes on showing a message that was returned."""
         self.attempts = 0
-        """Number of times that decoding was tried."""
         self._loop: LoopScores | None = None
         self._delivered: DeliveredMessage | None = None
         self.start_run()
@@ -199,17 +177,8 @@ class CoarseCollector:
         self._trust: list[float] = []
 
     def add(self, scores: NDArray[np.float64], count: int, work: float = np.inf) -> Message | None:
-        """Add one frame, and try to decode.
-
-        Args:
-            scores: (n_bits,) log-likelihood ratios, positive for 1; 0 for an erasure.
-            count: number of the frame on the display, from any start; rising within a run.
-            work: work that decoding may take; without effect, for coarse grids are decoded at once.
-
-        Returns:
-            the message where it is whole now and not the one that was returned last, else None.
-        """
-        scores = np.clip(np.nan_to_num(scores), -MAX_SCORE, MAX_SCORE)
+        """Add one frame, and decode at once whatever ``work``; `Collector.add` says the rest."""
+        scores = cut_scores(scores)
         words = word_likelihoods(scores[:SIGNATURE])
         if self._place is not None and self._lost(words, count):
             self.start_run()
@@ -232,11 +201,7 @@ class CoarseCollector:
         return self._try() if self._put(waiting) else None
 
     def go_on(self, work: float = np.inf) -> Message | None:
-        """Return None: coarse grids decode when a frame is added, and leave nothing to go on with.
-
-        Args:
-            work: work that decoding may take, which has no effect.
-        """
+        """Return None: coarse grids decode when a frame is added, and nothing is left for later."""
         return None
 
     def _lost(self, words: NDArray[np.float32], count: int) -> bool:
@@ -278,8 +243,7 @@ class CoarseCollector:
             known.doubt = 0.0
             return None
         sent = encode(content.data, self.n_bits, signed=content.signed)
-        weight = np.abs(loop.sums)
-        agree = float(weight[(loop.sums > 0) == (sent == 1)].sum() / weight.sum())
+        agree = agreement_of(loop.sums, sent)
         changed = known is not None
         message = Message(content.data, loop.frames, loop.seen, agree, changed, content.signed)
         self._delivered = DeliveredMessage(message, self.n_bits)

@@ -23,7 +23,8 @@ from link.code.fine import (
     number_likelihoods,
     read_terms,
 )
-from link.code.message import MAX_SCORE, Content, Message
+from link.code.message import Content, Message
+from link.code.scores import agreement_of, cut_scores, information_of
 from link.code.steps import Steps
 from link.code.words import NUMBERS
 from link.types import Floats
@@ -50,17 +51,6 @@ which it has to grow until decoding is tried again."""
 LATE, LATE_TRY = 1.25, 1.12
 """Information over that of the message from which on decoding is tried less often, and the factor
 by which it then has to grow. Scores that are surer than they should be bring receivers there."""
-
-
-def information_of(llr: Floats) -> float:
-    """Add up the information that log-likelihood ratios hold, in bits.
-
-    Args:
-        llr: log-likelihood ratios of bits, natural logarithm, of any shape.
-    """
-    size = np.abs(llr)
-    entropy = np.log1p(np.exp(-size)) + size / (1 + np.exp(size))
-    return float(llr.size - entropy.sum(dtype=np.float64) / np.log(2))
 
 
 class CodedScores:
@@ -161,9 +151,7 @@ class FineCollector:
 
     def _take(self, scores: NDArray[np.floating], count: int) -> None:
         """Add one frame, or let it wait."""
-        frame = WaitingFrame(
-            np.clip(np.nan_to_num(scores), -MAX_SCORE, MAX_SCORE).astype(np.float32), count, None
-        )
+        frame = WaitingFrame(cut_scores(scores).astype(np.float32), count, None)
         self._waiting = [*self._waiting, frame][-MAX_WAITING:]
         frame.number = self._follow(number_likelihoods(frame.scores), count)
         if frame.number is None:
@@ -270,8 +258,7 @@ class FineCollector:
     def _deliver(self, loop: CodedScores, content: Content) -> Message:
         """Make the message that was decoded of a loop; it ends the collection."""
         sent = coded_bits(content, loop.terms, self.n_bits)
-        weight = np.abs(loop.sums)
-        agree = float(weight[(loop.sums > 0) == (sent == 1)].sum() / weight.sum())
+        agree = agreement_of(loop.sums, sent)
         changed = self._delivered is not None
         if self._loop is not None and self._loop.terms == loop.terms:
             self._loop, self._due, self.progress = None, False, 1.0

@@ -64,7 +64,7 @@ class HiddenRatex:
     half-way between the changes of bit 0 and bit 1, which is half of kappa for on-off."""
     shrinkage: float = 1.0
     """Number of pseudo-observations that pull the variance of each class to the common one. 0 is as
-    good (docs/tuning.md), but then two equal blocks make a class."""
+    good (docs/tuning.md at the tag results-2026-11), but then two equal blocks make a class."""
 
     def decode(self, pair: Rectified) -> SoftBits:
         """Score every message block of a frame pair, in equalised gray levels above the threshold.

@@ -21,19 +21,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.polynomial.legendre import legfit
 from torch import Tensor, nn
 from torch.nn.functional import conv2d, pad
 
 from link.strength import AROUND_BLOCKS, UNCERTAINTY_BLOCKS
 from models.neural.decoder import bin_mean
-from models.neural.refine import (
-    GRAY_LEVELS,
-    INTENSITY_GRID,
-    MOMENTS,
-    logs,
-    with_surprises,
-)
+from models.neural.refine import GRAY_LEVELS, logs, typical_response, with_surprises
 from models.neural.refine_pilots import LEAST_RESPONSE
 from models.neural.register import derivatives
 from models.neural.ripple import Ripple
@@ -119,9 +112,7 @@ class FilmDecoder(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        i = INTENSITY_GRID
-        response = 2 * np.sqrt((i + 0.02) * (1.02 - i)) / 1.04  # flat at black and white
-        self.response = nn.Parameter(torch.from_numpy(legfit(2 * i - 1, response, MOMENTS)).float())
+        self.response = typical_response()
         # log standard deviations of the coefficients, in gray levels or relative
         self.amplitude = logs(1.5)
         self.bends = logs(0.4, 0.4, 0.2, 0.15, 0.15, 0.7)

@@ -22,8 +22,11 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.polynomial.legendre import legfit
 from numpy.typing import NDArray
 from torch import Tensor, nn
+
+from models.classical.blind import slope
 
 MOMENTS = 4
 """Number of Legendre moments of i_o over a tile or block. It is also the degree of the polynomials
@@ -34,6 +37,12 @@ GRAY_LEVELS = 255.0
 """Number of gray levels that make the intensity 1."""
 GAIN_BENDS = 5
 """Number of terms by which the gain varies smoothly over the display: x, y, x^2, x y and y^2."""
+
+
+def typical_response() -> nn.Parameter:
+    """Describe the usual slope of a CDTF as (MOMENTS + 1,) Legendre coefficients in i_o."""
+    coefficients = legfit(2 * INTENSITY_GRID - 1, slope(INTENSITY_GRID), MOMENTS)
+    return nn.Parameter(torch.from_numpy(coefficients).float())
 
 
 @dataclass(frozen=True)

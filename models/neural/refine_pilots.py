@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from numpy.polynomial.legendre import legfit
 from torch import Tensor, nn
 from torch.nn.functional import pad
 
@@ -25,7 +24,6 @@ from link.layout import Layout
 from models.neural.refine import (
     GAIN_BENDS,
     GRAY_LEVELS,
-    INTENSITY_GRID,
     MOMENTS,
     Fit,
     Hypotheses,
@@ -34,6 +32,7 @@ from models.neural.refine import (
     column_sum,
     logs,
     table,
+    typical_response,
 )
 from models.neural.ripple import Ripple
 from models.neural.solver import inverse
@@ -101,10 +100,7 @@ class PilotRefiner(Refiner):
         self.layout, self.pixels = layout, pixels
         fine = Ripple.fits(layout.rows, layout.cols)
         self.ripple = Ripple(layout.rows, layout.cols) if fine else None
-        # typical response to kappa, as Legendre coefficients in i_o: flat at black and white
-        i = INTENSITY_GRID
-        response = 2 * np.sqrt((i + 0.02) * (1.02 - i)) / 1.04
-        self.response = nn.Parameter(torch.from_numpy(legfit(2 * i - 1, response, MOMENTS)).float())
+        self.response = typical_response()
         # log standard deviations of the coefficients, in gray levels of [0, 255] or relative
         self.amplitude = logs(1.5)
         self.bends = logs(0.4, 0.4, 0.2)

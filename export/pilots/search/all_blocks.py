@@ -214,7 +214,7 @@ class BlockFit:
         Where the lens is free, the change of its coefficient is the ninth.
         """
         maps = self.maps
-        equations = MotionEquations(maps.inner, maps.places())
+        equations = MotionEquations(maps)
         for change, left in zip(expected, residual, strict=True):
             equations.take(change, left)
         bent: Map | None = None

@@ -15,7 +15,7 @@ from export.film_graph import SHRINK, FilmScorer, FilmWindow
 from export.pilots.clock import DisplayClock
 from export.pilots.signal import expected_changes
 from export.receive.reading.states import RectifiedFrame
-from link.code.collect_fine import information_of
+from link.code.scores import information_of
 from link.images import as_rgb
 from link.layout import Layout
 from link.types import Array, Image, Map

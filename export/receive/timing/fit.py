@@ -215,7 +215,7 @@ class ToggleWindow:
         lag = lag + (1 + 3 * lag) / np.maximum(self._count, 1)  # its bias in short windows
         correlation = np.clip(lag, 0, MAX_CORRELATION)
         ones = np.ones_like(correlation)
-        fresh = self._whitened(left, ones, correlation)
+        fresh = _whiten(left, *self._factors(ones, correlation))
         variance = (fresh**2).sum(axis=1) / self._free
         return PlaceNoise(np.sqrt(np.maximum(variance, 1e-8)), correlation)
 
@@ -227,9 +227,6 @@ class ToggleWindow:
         now = np.where(before, 1.0, alone) * self._seen / deviation[:, None]
         back = correlation[:, None] * (self._seen & before) / deviation[:, None]
         return now, back
-
-    def _whitened(self, series: Array, deviation: Array, correlation: Array) -> Array:
-        return _whiten(series, *self._factors(deviation, correlation))
 
     def _set_noise(self, noise: PlaceNoise) -> PlaceNoise:
         """Whiten by this noise from now on."""

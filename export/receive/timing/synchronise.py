@@ -109,9 +109,6 @@ class Synchroniser:
         self._code = code
         self.clock: DisplayClock | None = None
         """The clock, or None while it is unknown."""
-        self.r2 = 0.0
-        """Share of the toggles' variance, each place weighed by its noise, that the clock explains
-        in the last window, in [0, 1]."""
         self.slips = 0
         """Number of times that the numbers of the states began anew."""
         self.best: Toggling | None = None
@@ -120,11 +117,6 @@ class Synchroniser:
         self._back_at: float | None = None  # since when frames come again
         self._fitted_at = self._searched_at = self._confirmed_at = -np.inf
         self._fit: tuple[ClockFit, float] | None = None
-
-    @property
-    def held(self) -> bool:
-        """Whether the clock runs on, because the toggles no longer confirm it."""
-        return self.clock is not None and self._fitted_at > self._confirmed_at
 
     def phase_error(self, time: float) -> float:
         """Standard error, in states, of the state's number at a time; infinite without a clock."""
@@ -172,7 +164,7 @@ class Synchroniser:
             clock: by the camera's time, seconds.
             time: time of the newest frame, seconds.
         """
-        self.clock, self._confirmed_at = clock, time
+        self.clock, self._confirmed_at, self._fit = clock, time, None
         self.slips += 1
 
     def _update(self, time: float) -> None:
@@ -183,7 +175,7 @@ class Synchroniser:
         if window.places_seen == 0 or window.state_hz.size == 0:
             return
         if window.deviation.max() < MIN_TOGGLE:
-            self.clock, self.r2 = None, 0.0
+            self.clock = None
             self._note(Toggling(0.0, 0.0, 0.0, float(window.deviation.max())))
             return
         needed = needed_evidence(times[-1] - times[0], self.fps, self._code)
@@ -234,7 +226,7 @@ class Synchroniser:
             shift = again * round(ends[1] / again)
             clock = replace(clock, start=clock.start + shift * clock.period)
             self.slips += int(max(abs(end - shift) for end in ends) > SAME)
-        self.clock, self.r2 = clock, fit.r2
+        self.clock = clock
         self._fit, self._confirmed_at = (fit, window.middle), time
 
 

@@ -56,8 +56,6 @@ class CornerShift:
         """(8,) sum of all moves so far, numbers of a homography of a display from -1 to 1."""
         self._shift: Array | None = None
         self._maps = GridMaps(layout, map_size(layout))
-        width, height = self._maps.size
-        self._places = np.linspace(-1, 1, width), np.linspace(-1, 1, height)
         block = 2 * max(1 / layout.cols, 1 / layout.rows)
         self._information = np.eye(8) / (FIRST_BLOCKS * block) ** 2
 
@@ -90,7 +88,7 @@ class CornerShift:
         # noise is alike over a block, which so counts once
         if amplitude**2 * power < LEAST_TOGGLING**2 * variance or power == 0:
             return
-        equations = MotionEquations(maps.size, self._places, np.float32)
+        equations = MotionEquations(maps, np.float32)
         equations.take(expected, residual, weight, amplitude)
         seen, right = equations.normal()
         sure = 1 / max(variance, 1e-6)

@@ -78,10 +78,16 @@ def test_an_exposure_over_more_than_a_state_is_named() -> None:
 
 
 def test_a_rate_that_only_just_fits_is_named() -> None:
-    seen = replace(FOUND, fps=60, state_hz=59.5, decoded=91, presets=("hidden",))
+    seen = replace(FOUND, fps=30, state_hz=29.5, decoded=91, presets=("fast",))
     line = explain_silence(seen)
     assert "91 frame pairs gave 0%" in line
-    assert "shows 59.5 states a second, and the camera takes 60 frames" in line
+    assert "shows 29.5 states a second, and the camera takes 30 frames" in line
+
+
+def test_a_display_with_a_code_may_show_more_states_than_the_camera_takes_frames() -> None:
+    seen = replace(FOUND, fps=30, state_hz=60.0, decoded=91, mixed=1.0, presets=("hidden",))
+    line = explain_silence(seen)
+    assert "91 frame pairs gave 0%" in line and "film longer or closer" in line
 
 
 def test_a_good_view_is_not_called_dark_bright_or_cut() -> None:

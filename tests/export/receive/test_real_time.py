@@ -10,7 +10,7 @@ from pilot_films import FINE, BlockMeans, texture
 from scores import noisy
 
 from export.pilots.clock import DisplayClock
-from export.pilots.motion import MotionEquations
+from export.pilots.motion import GridMaps, MotionEquations
 from export.receive.reading.occlusion import median_image
 from export.receive.reading.reader import WORK_A_FRAME
 from export.receive.reading.states import MESH, PLACES, PURE, RectifiedFrame, compose_state
@@ -19,6 +19,7 @@ from link.code.collect import Collector, Message, make_collector
 from link.code.framing import encode
 from link.code.rateless import ITERATIONS, MAX_COLUMNS, make_rateless
 from link.code.steps import run_to_end
+from link.layout import make_layout
 from link.types import Array
 
 N_BITS = 730
@@ -171,14 +172,14 @@ def test_what_is_left_of_decoding_is_done_when_the_film_ends() -> None:
 
 def test_the_motion_of_a_grid_has_the_normal_equations_of_all_pixels() -> None:
     """Those of the eight numbers of a homography, and of a further motion."""
-    rng, (width, height) = np.random.default_rng(6), (64, 48)
-    places = np.linspace(-1, 1, width), np.linspace(-1, 1, height)
+    rng, (width, height) = np.random.default_rng(6), (96, 64)
+    maps = GridMaps(make_layout(16, 16, width, height), (width, height))
     expected, residual = rng.normal(0, 1, (2, height, width)).astype(np.float32)
     weight = rng.uniform(0.1, 1, (height, width)).astype(np.float32)
     further = rng.normal(0, 1, (2, height, width)).astype(np.float32)
-    equations = MotionEquations((width, height), places)
+    equations = MotionEquations(maps)
     equations.take(expected, residual, weight, 0.5)
-    x, y = np.meshgrid(*places)
+    x, y = np.meshgrid(*maps.places())
     # the motion of a point by the eight numbers of a homography, to first order
     zero, one = np.zeros_like(x), np.ones_like(x)
     motion_x = np.stack([x, y, one, zero, zero, zero, -x * x, -x * y, further[0]])

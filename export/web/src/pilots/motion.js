@@ -160,15 +160,11 @@ export class MotionEquations {
   /** Slopes along x, and along y, times the change that is to be explained. */
   #products;
 
-  /**
-   * @param {GridMaps} maps
-   * @param {Float64Array[]} [places] - x of each column and y of each row of the maps, of a display
-   *   from -1 to 1
-   */
-  constructor(maps, places = maps.places()) {
+  /** @param {GridMaps} maps */
+  constructor(maps) {
     this.#size = maps.inner;
-    this.#places = places;
-    const empty = () => new Float64Array(places[0].length * places[1].length);
+    this.#places = maps.places();
+    const empty = () => new Float64Array(this.#places[0].length * this.#places[1].length);
     this.#squares = [empty(), empty(), empty()];
     this.#products = [empty(), empty()];
   }

@@ -66,7 +66,6 @@ function told(parts, seen) {
   const values = {
     ...seen,
     half_fps: seen.fps / 2,
-    best: seen.stateHz,
     fast,
     fast_hz: PRESET_HZ.get(fast),
     needed_fps: PRESET_FPS.get(fast)?.[0],
@@ -115,10 +114,11 @@ function reasons(seen) {
   if (dark) parts.push("dark");
   if (bright) parts.push("bright");
   if (seen.cut > OFTEN * seen.found) parts.push("cut");
-  const { toggling, stateHz } = seen;
+  const { presets = [], toggling, stateHz } = seen;
+  const isCoded = presets.some((name) => (LEAST_FPS.get(name) ?? 0) < (PRESET_HZ.get(name) ?? 0));
   if (seen.decoded > 0) {
     if (seen.exposed > LONG) return [...parts, "pairs", "long"];
-    if (slow.length || stateHz === null || stateHz <= TOO_FAST * seen.fps) {
+    if (slow.length || isCoded || stateHz === null || stateHz <= TOO_FAST * seen.fps) {
       return [...parts, "pairs", ...(slow.length ? slow : ["too little"])];
     }
     return [...parts, "pairs", seen.mixed > MIXED ? "too fast" : "many states"];

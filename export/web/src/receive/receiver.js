@@ -219,7 +219,7 @@ export class Receiver {
   }
 
   /**
-   * Decode what is left when the frames have ended; images without a clock by their order.
+   * Decode what is left when the frames have ended.
    *
    * @returns {Promise<ReceiverStep>}
    */

@@ -107,7 +107,6 @@ export class DisplayReader {
     this.#desk = film && this.layout.readsFilms ? new FilmDesk(this.layout, film, BUFFER) : null;
     /** Finds and holds the display's clock. */
     this.sync = new Synchroniser(fps, this.#toggles, this.layout.code);
-    this.collector.startRun();
   }
 
   /** Forget the clock and the frames that wait for it; the collector keeps what it has. */

@@ -2,7 +2,7 @@
  * Fill in what a frame pair does not show of the display, so that the rest can be decoded.
  *
  * A decoder fits its calibration to all ratex patches or pilots and refines it on all message
- * blocks. Of those that lie outside the image, or behind a hand, it would learn wrong things. So a
+ * blocks. Of those that lie outside the image, or behind a hand, it would learn wrong things. So an
  * unseen message block takes the pixels of the nearest one that is seen, in both states alike, and
  * an unseen pilot those of the nearest pilot of the same bit that is seen. The tiles of an unseen
  * patch take those of patches that are seen: mixed from the two tiles of the same label whose

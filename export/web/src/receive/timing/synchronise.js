@@ -70,22 +70,10 @@ export class Synchroniser {
     this.again = 2 * code.period;
     /** The clock, or null while it is unknown. @type {DisplayClock | null} */
     this.clock = null;
-    /** Share in [0, 1] of the toggles' variance that the clock explains in the last window. */
-    this.r2 = 0;
     /** Number of times that the numbers of the states began anew. */
     this.slips = 0;
     /** The strongest toggling of all windows so far, or null. @type {Toggling | null} */
     this.best = null;
-  }
-
-  /** Number of frames whose toggles are kept. */
-  get samples() {
-    return this.#samples.length;
-  }
-
-  /** Whether the clock runs on, because the toggles no longer confirm it. */
-  get held() {
-    return this.clock !== null && this.#fittedAt > this.#confirmedAt;
   }
 
   /**
@@ -148,6 +136,7 @@ export class Synchroniser {
    */
   begin(clock, time) {
     this.clock = clock;
+    this.#fit = null;
     this.#confirmedAt = time;
     this.slips++;
   }
@@ -166,7 +155,6 @@ export class Synchroniser {
     const deviation = Math.max(...window.deviation);
     if (deviation < MIN_TOGGLE) {
       this.clock = null;
-      this.r2 = 0;
       this.#note({ strength: 0, amplitude: 0, stateHz: 0, deviation });
       return;
     }
@@ -236,7 +224,6 @@ export class Synchroniser {
       if (Math.max(...ends.map((end) => Math.abs(end - shift))) > SAME) this.slips++;
     }
     this.clock = clock;
-    this.r2 = fit.r2;
     this.#fit = { fit, middle: window.middle };
     this.#confirmedAt = time;
   }

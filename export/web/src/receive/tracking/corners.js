@@ -27,17 +27,12 @@ export class CornerShift {
   /** @type {Float64Array | null} */
   #shift = null;
   #maps;
-  /** x of each column and y of each row of the maps. @type {Float64Array[]} */
-  #places;
   #information;
 
   /** @param {Layout} layout - of the display; without pilots it is never moved */
   constructor(layout) {
     this.layout = layout;
     this.#maps = new GridMaps(layout, mapSize(layout));
-    this.#places = this.#maps.size.map((count) =>
-      Float64Array.from({ length: count }, (_, at) => (2 * at) / Math.max(count - 1, 1) - 1),
-    );
     const block = 2 * Math.max(1 / layout.cols, 1 / layout.rows);
     this.#information = identity(NUMBERS).map((value) => value / (FIRST_BLOCKS * block) ** 2);
   }
@@ -85,7 +80,7 @@ export class CornerShift {
     // noise is alike over a block, which so counts once
     const variance = (squares / all) * block[0] * block[1];
     if (amplitude ** 2 * power < LEAST_TOGGLING ** 2 * variance || power === 0) return;
-    const equations = new MotionEquations(this.#maps, this.#places);
+    const equations = new MotionEquations(this.#maps);
     equations.take(expected, amplitude, residual, weight);
     const { matrix, right } = equations.normal();
     const sure = 1 / Math.max(variance, 1e-6);
