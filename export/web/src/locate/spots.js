@@ -31,7 +31,7 @@ const LEAST_DEPTH = 0.05;
 /** Distances, in pixels of the small image, below which two quadrilaterals are one. */
 const SAME_WHOLE_PX = 4.0;
 const SAME_PARTIAL_PX = 6.0;
-/** Units of work of resizing, of finding steep places, of comparing `STEP_SPOTS` places, and of one way of combining. */
+/** Units of work of resizing, of finding steep places, of comparing places, and of one combination. */
 const RESIZE_WORK = 1;
 const STEEP_WORK = 3;
 const COMPARE_WORK = 0.75;

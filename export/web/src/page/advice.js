@@ -13,7 +13,7 @@ const NEARLY = 0.99;
 /**
  * What the page is told after each frame that the receiver took.
  *
- * @typedef {object} Sight
+ * @typedef {object} Seen
  * @property {number[][] | null} corners - of the display in pixels, or null
  * @property {number} found - number of frames in which the display was found
  * @property {string} slow - which preset the camera is too slow for, or empty
@@ -28,7 +28,7 @@ const NEARLY = 0.99;
 /**
  * Say what the receiver is doing, in a few words that change seldom.
  *
- * @param {Sight} sight
+ * @param {Seen} sight
  * @returns {string}
  */
 export function stateOf({ corners, synchronised, progress }) {
@@ -40,7 +40,7 @@ export function stateOf({ corners, synchronised, progress }) {
 /**
  * Say how far reading has come: it counts frames of the display first, and then information.
  *
- * @param {Sight} sight
+ * @param {Seen} sight
  * @returns {number} from 0 to less than 1
  */
 export function barOf({ found, progress }) {
@@ -51,7 +51,7 @@ export function barOf({ found, progress }) {
 /**
  * Say what would help; empty where nothing is wrong.
  *
- * @param {Sight} sight
+ * @param {Seen} sight
  * @param {number} waiting - seconds since the state changed last
  * @param {{ width: number, height: number }} image - size of the frames, in pixels
  * @returns {string}

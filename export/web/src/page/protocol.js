@@ -1,6 +1,6 @@
 /** What the worker says to the page of each frame. */
 
-/** @import { Sight } from "./advice.js" */
+/** @import { Seen } from "./advice.js" */
 
 /**
  * A message that arrived, and what was thought of it.
@@ -24,7 +24,7 @@
  * @property {string | null} preset - name of what the display shows, or null
  * @property {string} explanation - why there is no message yet, in the words of export.receive
  * @property {Arrival | null} arrival
- * @typedef {StepValues & Sight} Step
+ * @typedef {StepValues & Seen} Step
  */
 
 export {};

@@ -180,7 +180,8 @@ onClick("save", async (loop) => {
 onClick("show", async (loop) => {
   if (agreed) loop.flicker = "";
   const frame = document.createElement("iframe");
-  Object.assign(frame, { src: "player.html", title: "The display", allow: "fullscreen; screen-wake-lock" });
+  const allow = "fullscreen; screen-wake-lock";
+  Object.assign(frame, { src: "player.html", title: "The display", allow });
   // the player takes the loop from here, and says when it is to end
   Object.assign(window, { loop, endShow });
   byId("stage").replaceChildren(frame);

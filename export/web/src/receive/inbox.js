@@ -7,9 +7,9 @@ import { Message } from "../link/code/message.js";
 /** @typedef {import("../link/code/authenticate.js").Verifier} Verifier */
 
 /**
- * A message that was judged: without stamp and tag where they fit or nobody has a key; the stamp, or null where there
- * is none that counts; why it is not delivered, or null where it is; and whether it is authentic
- * but too old, as it is where a recording is shown again.
+ * A message that was judged: without stamp and tag where they fit or nobody has a key; the stamp, or
+ * null where there is none that counts; why it is not delivered, or null where it is; and whether it
+ * is authentic but too old, as it is where a recording is shown again.
  *
  * @typedef {object} Delivery
  * @property {Message} message

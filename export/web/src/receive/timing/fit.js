@@ -605,8 +605,8 @@ function candidateRates(span, frame) {
 /**
  * Work out the fundamentals of displays.
  *
- * `real` and `imaginary` are the F waves (n,). `grid` holds delays along each axis; `across` and `down` are, for each rate, the phases (P, GRID)
- * by which these turn a wave at each place.
+ * `real` and `imaginary` are the F waves (n,). `grid` holds delays along each axis; `across` and
+ * `down` are, for each rate, the phases (P, GRID) by which these turn a wave at each place.
  *
  * @param {Float64Array} stateHz - (F,) numbers of states a second
  * @param {Float64Array} times - (n,) seconds
