@@ -122,11 +122,6 @@ class Receiver:
         return self._reader.collector.progress
 
     @property
-    def repeated(self) -> int:
-        """Number of frames that showed again what the frame before showed, and were skipped."""
-        return self._repeats.count
-
-    @property
     def synchronised(self) -> bool:
         """Whether the display's clock is known."""
         return self._reader.sync.clock is not None

@@ -42,8 +42,6 @@ class Repeats:
     """
 
     def __init__(self) -> None:
-        self.count = 0
-        """Number of repeated frames so far."""
         self._before: NDArray[np.int16] | None = None
         self._changes: deque[NDArray[np.float64]] = deque(maxlen=HISTORY)
 
@@ -64,7 +62,6 @@ class Repeats:
         if len(self._changes) >= FIRST:
             usual = np.median(self._changes, axis=0)
             if usual[0] >= MIN_NOISE_LEVELS and (change <= REPEATED * usual).all():
-                self.count += 1
                 return True
         self._changes.append(change)
         return False

@@ -19,7 +19,14 @@ import numpy as np
 
 from export.pilots.clock import DisplayClock
 from export.pilots.search.film import HeldFrame
-from export.pilots.search.proposals import PROMISING, STRONGEST, Proposal, Proposer, weigh
+from export.pilots.search.proposals import (
+    CANDIDATES,
+    PROMISING,
+    STRONGEST,
+    Proposal,
+    Proposer,
+    weigh,
+)
 from export.pilots.search.settle import HINT, Settled, settle
 from export.pilots.search.watch import Watch
 from link.errors import InputError
@@ -38,8 +45,6 @@ leave time for several."""
 PATIENCE_S, MOST_DOUBLED = 2.0, 3
 """Time, in seconds of frames that were seen, after which the first two searches are given up, and
 number of times that it doubles, each time for the next two searches: some displays take longer."""
-Doubtful = list[tuple[float, Proposal]]
-"""Proposals, each with its evidence, that are settled last."""
 Search = Generator[None, None, Settled | None]
 """Steps of the search, which end with the display that is sure, or None."""
 
@@ -167,57 +172,58 @@ class PilotSearch:
         while seen < watch.window:
             while len(watch.frames) < min(count, watch.window):
                 yield None
-            seen, glances = len(watch.frames), []
+            seen = len(watch.frames)
             count = seen + watch.window // 4
             for number, edge in enumerate(edges):
-                glances.append(proposer.glance(edge, seen))
+                proposer.glance(edge, seen)
                 if number % GLANCES == GLANCES - 1:
                     yield None
-            evidence, proposal = max(glances, key=lambda each: each[0], default=(0.0, None))
+            evidence, proposal = max(
+                map(proposer.glance, edges), key=lambda each: each[0], default=(0.0, None)
+            )
             if proposal is None or evidence <= PROMISING:
                 continue
             if found := (yield from self._weigh_and_settle(proposal, watch)):
                 return found
-        doubtful: Doubtful = []
-        strongest = edges[:STRONGEST]
-        if found := (yield from self._fit(strongest, proposer, watch, doubtful)):
+        faint = proposer.faint_edges()
+        yield None
+        if found := (yield from self._glance(faint[:CANDIDATES], proposer, watch)):
             return found
-        quads, usual = yield from proposer.all_quads()
-        evidences, hints = [], []
-        known = dict(zip(map(id, edges), glances, strict=True))
-        for number, quad in enumerate(quads):
-            evidence, proposal = known.get(id(quad)) or proposer.glance(quad)
-            evidences.append(evidence)
-            if evidence > PROMISING:
-                if found := (yield from self._weigh_and_settle(proposal, watch)):
-                    return found
-            elif evidence > HINT:
-                hints.append((evidence, proposal))
-            if number % GLANCES == GLANCES - 1:
-                yield None
+        strongest = edges[:STRONGEST]
+        if found := (yield from self._fit(strongest, proposer, watch)):
+            return found
+        quads, usual = yield from proposer.all_quads(faint)
+        if found := (yield from self._glance(quads, proposer, watch)):
+            return found
+        glances = [proposer.glance(quad) for quad in quads]
+        hints = [each for each in glances if HINT < each[0] <= PROMISING]
         for _, proposal in sorted(hints, key=lambda hint: -hint[0]):
             if found := (yield from self._weigh_and_settle(proposal, watch)):
                 return found
-        ranked = proposer.ranked(quads, evidences, usual)
+        ranked = proposer.ranked(quads, [evidence for evidence, _ in glances], usual)
         tried = {id(quad) for quad in strongest}
         left = [quads[number] for number in ranked if id(quads[number]) not in tried]
-        if found := (yield from self._fit(left, proposer, watch, doubtful)):
-            return found
-        for evidence, fit in sorted(doubtful, key=lambda each: -each[0]):
-            if found := (yield from self._settle(fit, evidence, watch)):
+        return (yield from self._fit(left, proposer, watch))
+
+    def _glance(self, quads: Sequence[Array], proposer: Proposer, watch: Watch) -> Search:
+        """Glance at quadrilaterals (4, 2) of the reference, and settle those that are promising."""
+        for number, quad in enumerate(quads):
+            evidence, proposal = proposer.glance(quad)
+            if evidence > PROMISING and (
+                found := (yield from self._weigh_and_settle(proposal, watch))
+            ):
                 return found
+            if number % GLANCES == GLANCES - 1:
+                yield None
         return None
 
-    def _fit(
-        self, quads: Sequence[Array], proposer: Proposer, watch: Watch, doubtful: Doubtful
-    ) -> Search:
+    def _fit(self, quads: Sequence[Array], proposer: Proposer, watch: Watch) -> Search:
         """Fit the pilots to quadrilaterals, any side up, and settle each fit that is a hint.
 
         Args:
             quads: (4, 2) pixels of the reference frame each, the likeliest first.
             proposer: fits the pilots.
             watch: the film.
-            doubtful: takes the fits that are no hint, each with its evidence.
         """
         for rank, quad in enumerate(quads):
             for turn in (0, 1):
@@ -226,9 +232,7 @@ class PilotSearch:
                 if fit is None:
                     continue
                 evidence, _ = proposer.surest_in(fit.corners, [fit.layout])
-                if evidence <= HINT:
-                    doubtful.append((evidence, fit))
-                elif found := (yield from self._settle(fit, evidence, watch)):
+                if evidence > HINT and (found := (yield from self._settle(fit, evidence, watch))):
                     return found
         return None
 

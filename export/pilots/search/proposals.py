@@ -104,15 +104,27 @@ class Proposer:
         leaving = leaving_quads(watch.reference, LEAVING)
         self.edges: list[Array] = [*(candidate.corners for candidate in within), *leaving]
         """Quadrilaterals of edges, (4, 2) pixels of the reference, the strongest first."""
+        self._seen: dict[int, tuple[Array, tuple[float, Proposal]]] = {}
 
-    def all_quads(self) -> Generator[None, None, tuple[list[Array], int]]:
+    def faint_edges(self) -> list[Array]:
+        """Propose quadrilaterals in the mean of all frames, its levels spread over the whole range.
+
+        The mean has less noise than a frame, and its histogram, made even, shows the edges of a
+        dark picture in a dark frame.
+        """
+        even = np.asarray(cv2.equalizeHist(self._watch.map.mean()), np.uint8)
+        found = display_candidates(even, FAINT_CANDIDATES)
+        return [self._watch.on_image(candidate.corners) for candidate in found]
+
+    def all_quads(self, faint: list[Array]) -> Generator[None, None, tuple[list[Array], int]]:
         """Propose quadrilaterals by faint edges, by what toggles, and by the reference's edges.
+
+        Args:
+            faint: what `faint_edges` gave.
 
         Returns:
             quadrilaterals, and the number of them, from the first on, that are tried in any case.
         """
-        faint = self._faint_edges()
-        yield None
         outlines = []
         for frequency in self._frequencies:
             outline = self._watch.map.outline(frequency)
@@ -129,17 +141,21 @@ class Proposer:
 
         Args:
             quad: (4, 2) pixels of the reference frame.
-            count: as `Watch.places` takes it.
+            count: as `Watch.places` takes it; without it, what was seen last counts again.
 
         Returns:
             the evidence, before it pays, and what it speaks for.
         """
+        if count is None and id(quad) in self._seen:
+            return self._seen[id(quad)][1]
         ways, places = [], self._watch.places(quad, count)
         for turn in (0, 1):
             turned = [np.roll(place, -turn, axis=0) for place in places]
             views = self._watch.map.views(turned, *self._finest)
             ways.append(self._surest(np.roll(quad, -turn, axis=0), views, self._layouts))
-        return max(ways, key=lambda way: way[0])
+        surest = max(ways, key=lambda way: way[0])
+        self._seen[id(quad)] = quad, surest
+        return surest
 
     def surest_in(self, corners: Array, layouts: Sequence[Layout]) -> tuple[float, Proposal]:
         """Choose the layout, upright or upside down, that is surest in small views of corners."""
@@ -182,16 +198,6 @@ class Proposer:
         bounding = sorted(numbers, key=lambda i: -worth[i])[:CANDIDATES]
         first = _by_turns(clearest, [i for i in bounding if worth[i] > 0])
         return list(dict.fromkeys([*range(min(STRONGEST, usual)), *first, *range(usual)]))
-
-    def _faint_edges(self) -> list[Array]:
-        """Propose quadrilaterals in the mean of all frames, its levels spread over the whole range.
-
-        The mean has less noise than a frame, and its histogram, made even, shows the edges of a
-        dark picture in a dark frame.
-        """
-        even = np.asarray(cv2.equalizeHist(self._watch.map.mean()), np.uint8)
-        found = display_candidates(even, FAINT_CANDIDATES)
-        return [self._watch.on_image(candidate.corners) for candidate in found]
 
     def first_fit(self, quad: Array, *, coded: bool) -> Proposal | None:
         """Fit every layout, upright and upside down, to a quadrilateral that may be far off.

@@ -228,7 +228,6 @@ def test_repeated_frames_are_recognised() -> None:
     told = [repeats.is_repeat(film[number]) for number in numbers]
     again = [number == before for number, before in zip(numbers, [-1, *numbers], strict=False)]
     assert told[8:] == again[8:]
-    assert repeats.count == sum(told)
 
 
 @pytest.mark.parametrize("modulation", ["on_off", "antipodal"])
@@ -248,7 +247,7 @@ def test_a_recording_of_the_screen_is_read() -> None:
         if step.message is not None:
             break
     assert step.message.data == TEXT
-    assert receiver.repeated == 0
+    assert receiver.timing.count["track"] == receiver.frames  # none was skipped
 
 
 @pytest.mark.slow
@@ -279,4 +278,5 @@ def test_missing_and_repeated_frames_cost_nothing(tmp_path: Path) -> None:
         assert decided > 15 * LAYOUT.n_bits
         shares[name], receivers[name] = wrong / decided, receiver
     assert max(shares.values()) <= shares["whole"] + 0.001
-    assert receivers["repeated"].repeated >= 0.8 * len(struck)
+    skipped = receivers["repeated"].frames - receivers["repeated"].timing.count["track"]
+    assert skipped >= 0.8 * len(struck)

@@ -15,7 +15,6 @@ export function median(values) {
  *
  * @param {ArrayLike<number>} values - at least one, none of them NaN
  * @param {number} share - from 0 to 1
- * @returns {number}
  */
 export function quantile(values, share) {
   const parted = Float64Array.from(values);

@@ -28,8 +28,6 @@ export class Repeats {
   #changes = [];
 
   constructor() {
-    /** Number of repeated frames so far. */
-    this.count = 0;
   }
 
   /**
@@ -57,7 +55,6 @@ export class Repeats {
       const usual = QUANTILES.map((_, i) => median(this.#changes.map((values) => values[i])));
       const same = change.every((value, i) => value <= REPEATED[i] * usual[i]);
       if (usual[0] >= MIN_NOISE_LEVELS && same) {
-        this.count++;
         return true;
       }
     }

@@ -12,8 +12,7 @@
  * early: perhaps the display came into view, or began to play, only after the frames that they look
  * at.
  *
- * The work is cut into steps (`link/code/steps.js`), so that no frame takes long; Python's steps are
- * one for each frame, these are finer.
+ * The work is cut into steps finer than Python's (`link/code/steps.js`): no frame takes long.
  */
 
 import { pilotsSearchPilotSearch } from "../../generated/constants.js";
@@ -29,7 +28,6 @@ import { Watch } from "./watch.js";
 /** @typedef {import("./proposals.js").Glance} Glance */
 /** @typedef {import("./proposals.js").Proposal} Proposal */
 /** @typedef {import("./settle.js").Settled} Settled */
-/** Proposals that are settled last. @typedef {{ fit: Proposal, evidence: number }[]} Doubtful */
 
 const { PATIENCE_S, MOST_DOUBLED, SHIFTED, STEPS_HZ } = pilotsSearchPilotSearch;
 
@@ -188,45 +186,52 @@ export class PilotSearch {
     const proposer = new Proposer(watch, edges, this.layouts);
     yield BEGIN_WORK;
     watch.add();
-    /** What was seen at a glance of each of the edges. @type {Map<Point[], Glance>} */
-    const known = new Map();
     const quarter = Math.floor(watch.window / 4);
     for (let count = 2 * quarter, seen = 0; seen < watch.window; count = seen + quarter) {
       while (watch.frames.length < Math.min(count, watch.window)) yield NEXT_FRAME;
       seen = watch.frames.length;
-      for (const quad of edges) known.set(quad, yield* proposer.glanceSteps(quad, seen));
-      const surest = [...known.values()].sort((one, other) => other.evidence - one.evidence);
-      if (!(surest[0]?.evidence > PROMISING)) continue;
-      const found = yield* this.#weighAndSettle(surest[0].proposal, watch);
+      /** @type {Glance[]} */
+      const glances = [];
+      for (const quad of edges) glances.push(yield* proposer.glanceSteps(quad, seen));
+      const [surest] = glances.sort((one, other) => other.evidence - one.evidence);
+      if (!(surest?.evidence > PROMISING)) continue;
+      const found = yield* this.#weighAndSettle(surest.proposal, watch);
       if (found !== null) return found;
     }
+    const faint = yield* proposer.faintEdges();
     const strongest = edges.slice(0, STRONGEST);
-    /** @type {Doubtful} */
-    const doubtful = [];
-    const soon = yield* this.#fit(strongest, proposer, watch, doubtful);
+    const soon =
+      (yield* this.#glance(faint.slice(0, CANDIDATES), proposer, watch)) ??
+      (yield* this.#fit(strongest, proposer, watch));
     if (soon !== null) return soon;
-    const { quads, usual } = yield* proposer.allQuads();
-    const evidences = /** @type {number[]} */ ([]);
+    const { quads, usual } = yield* proposer.allQuads(faint);
+    const later = yield* this.#glance(quads, proposer, watch);
+    if (later !== null) return later;
     /** @type {Glance[]} */
-    const hints = [];
-    for (const quad of quads) {
-      const glance = known.get(quad) ?? (yield* proposer.glanceSteps(quad));
-      evidences.push(glance.evidence);
-      if (glance.evidence > PROMISING) {
-        const found = yield* this.#weighAndSettle(glance.proposal, watch);
-        if (found !== null) return found;
-      } else if (glance.evidence > HINT) hints.push(glance);
-    }
+    const glances = [];
+    for (const quad of quads) glances.push(yield* proposer.glanceSteps(quad));
+    const hints = glances.filter(({ evidence }) => evidence > HINT && !(evidence > PROMISING));
     for (const { proposal: hint } of hints.sort((one, other) => other.evidence - one.evidence)) {
       const found = yield* this.#weighAndSettle(hint, watch);
       if (found !== null) return found;
     }
+    const evidences = glances.map(({ evidence }) => evidence);
     const ranked = proposer.ranked(quads, evidences, usual).map((number) => quads[number]);
-    const left = ranked.filter((quad) => !strongest.includes(quad));
-    const late = yield* this.#fit(left, proposer, watch, doubtful);
-    if (late !== null) return late;
-    for (const { fit, evidence } of doubtful.sort((one, other) => other.evidence - one.evidence)) {
-      const found = yield* this.#settle(fit, evidence, watch);
+    return yield* this.#fit(ranked.filter((quad) => !strongest.includes(quad)), proposer, watch);
+  }
+
+  /**
+   * Glance at quadrilaterals by all frames, and settle each that is promising.
+   *
+   * @param {Point[][]} quads
+   * @param {Proposer} proposer
+   * @param {Watch} watch
+   */
+  *#glance(quads, proposer, watch) {
+    for (const quad of quads) {
+      const { evidence, proposal } = yield* proposer.glanceSteps(quad);
+      if (!(evidence > PROMISING)) continue;
+      const found = yield* this.#weighAndSettle(proposal, watch);
       if (found !== null) return found;
     }
     return null;
@@ -238,19 +243,15 @@ export class PilotSearch {
    * @param {Point[][]} quads - the likeliest first
    * @param {Proposer} proposer
    * @param {Watch} watch
-   * @param {Doubtful} doubtful - takes the fits that are no hint
    */
-  *#fit(quads, proposer, watch, doubtful) {
+  *#fit(quads, proposer, watch) {
     for (const [rank, quad] of quads.entries()) {
       for (const turn of [0, 1]) {
         const fit = yield* proposer.firstFit(rolled(quad, turn), rank < SHIFTED);
         if (fit === null) continue;
         const { evidence } = proposer.surestIn(fit.corners, fit.layout);
         yield GLANCE_WORK;
-        if (!(evidence > HINT)) {
-          doubtful.push({ fit, evidence });
-          continue;
-        }
+        if (!(evidence > HINT)) continue;
         const found = yield* this.#settle(fit, evidence, watch);
         if (found !== null) return found;
       }

@@ -115,6 +115,8 @@ export class Proposer {
   #finest;
   /** Frequencies at which displays may toggle, in periods for each nominal frame. */
   #frequencies;
+  /** What was last seen at a glance of each quadrilateral. @type {Map<Point[], Glance>} */
+  #seen = new Map();
 
   /**
    * @param {Watch} watch - the film
@@ -136,11 +138,11 @@ export class Proposer {
   /**
    * Propose quadrilaterals by faint edges, by what toggles, and by the reference's edges.
    *
+   * @param {Point[][]} faint - what `faintEdges` gave
    * @returns {Steps<{ quads: Point[][], usual: number }>} quadrilaterals, and the number of them,
    *   from the first on, that are tried in any case
    */
-  *allQuads() {
-    const faint = yield* this.#faintEdges();
+  *allQuads(faint) {
     const outlines = [];
     for (const frequency of this.#frequencies) {
       for (const _ of this.#watch.map.prepare(frequency)) yield POWER_WORK;
@@ -159,10 +161,13 @@ export class Proposer {
    *
    * @param {Point[]} quad
    * @param {number | null} [count] - of the frames, from the first on, in which it is followed by
-   *   its own motion; null to look at all, held still as the room is, which is quicker
+   *   its own motion; null to look at all, held still as the room is, which is quicker, unless it
+   *   was looked at before: what was seen last counts again
    * @returns {Steps<Glance>} what is surest
    */
   *glanceSteps(quad, count = null) {
+    const seen = this.#seen.get(quad);
+    if (count === null && seen) return seen;
     const { cols, rows } = this.#finest;
     const watch = this.#watch;
     const places = watch.places(quad, count);
@@ -172,7 +177,9 @@ export class Proposer {
       ways.push(this.#surest(rolled(quad, turn), views, this.#layouts));
       yield GLANCE_WORK / 2;
     }
-    return ways[0].evidence >= ways[1].evidence ? ways[0] : ways[1];
+    const surest = ways[0].evidence >= ways[1].evidence ? ways[0] : ways[1];
+    this.#seen.set(quad, surest);
+    return surest;
   }
 
   /**
@@ -237,7 +244,7 @@ export class Proposer {
    * The mean has less noise than a frame, and its histogram, made even, shows the edges of a dark
    * picture in a dark frame.
    */
-  *#faintEdges() {
+  *faintEdges() {
     const even = equalised(this.#watch.map.mean());
     const found = yield* candidateSteps(even, FAINT_CANDIDATES);
     return found.map(({ corners }) => this.#watch.onImage(corners));
