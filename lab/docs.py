@@ -97,7 +97,8 @@ STEPS |= {
         'of 72 Hz" "hidden, 50 fps of 60 Hz" "hidden, 59.94 fps of 75 Hz" "hidden, 30 fps, 33 ms" '
         '"hidden, 30 fps, 4 ms" --views 0 --n-bytes 100',
         "hidden_240": f'--settings "hidden, 240 fps" --views 0 {RATES_THREE}',
-        "others": "--settings robust paper faint --runs 2",
+        "others": "--settings robust paper --runs 2",
+        "faint": "--settings faint",
         "slow": '--settings "slow camera" --views 0 --runs 2',
         "slow_45": f'--settings "slow camera" --views 45 {RATES_THREE}',
         "phones": f'--settings "slanted, H.264" "slanted, 1080p" --views 45 {RATES_THREE}',
