@@ -195,7 +195,7 @@ SETUP = Setup(name="setup", perspective=True, metering=0.0, corner_px=0.5)
 
 FITTED_FILE = Path(__file__).with_name("nuisances.json")
 """File that `reports.lab.calibrate` writes and that ships with the code."""
-FITTED = json.loads(FITTED_FILE.read_text())
+FITTED = json.loads(FITTED_FILE.read_text("utf-8"))
 """Fitted values: those of `Nuisance` by camera and view, and ``falloff`` by display."""
 
 

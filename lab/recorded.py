@@ -54,7 +54,7 @@ def main() -> None:
     if not config.photos.is_dir():
         raise InputError(f"{config.photos}: no such folder of photographs")
     photos = image_files(config.photos)
-    if not states or len(photos) % len(states):
+    if not states or len(states) % 2 or len(photos) % len(states):
         raise InputError(
             f"{config.photos}: {len(photos)} photographs of {len(states)} states; give one of each "
             "state, or the same number of each round"

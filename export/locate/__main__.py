@@ -39,16 +39,16 @@ def main() -> None:
     known.add_argument(
         "--model", type=find_graph, help="an .onnx decoder, which carries its layout, or a preset"
     )
-    known.add_argument(
-        "--layout",
-        type=Path,
-        help="a JSON file with the layout, or sent.json",
-    )
+    known.add_argument("--layout", type=Path, help="a JSON file with the layout, or sent.json")
     add_pixel_limit(parser)
     parser.add_argument("--show", type=Path, metavar="DIR", help="write images with the outline")
     args = read_flags(parser.parse_args)
     pixel_limit(args.max_megapixels)  # a wrong limit is no error of each image
     layout, failed = layout_of(args.model, args.layout), False
+    shown = [] if args.show is None else [args.show / f"{path.stem}.png" for path in args.images]
+    given, written = ({path.resolve() for path in paths} for paths in (args.images, shown))
+    if len(written) < len(shown) or given & written:
+        raise InputError("--show: two images would have one name there; name another folder")
     for path in args.images:
         try:
             image = read_image(path, args.max_megapixels)

@@ -22,6 +22,9 @@ MOST_STATE_HZ = 150.0
 """Largest number of states a second, a little more than the largest that is tried."""
 CLOCK_ERROR = 0.01
 """Share by which the clocks of camera and display may differ from their nominal rates."""
+MOST_STEPS = 4
+"""Largest number of rates above a nominal rate that are tried, and below it: the longer the time
+that frames cover, the more could be told apart, and the work must be bounded."""
 PHASES = 2
 """Number of moments that are tried within a state."""
 DELAYS_S = np.arange(-32, 33, 8) / 1000
@@ -222,7 +225,7 @@ def _rates(span: float) -> list[float]:
     rates: list[float] = []
     for hz in STATE_HZ:
         off = CLOCK_ERROR * span / 2 * hz  # states, at both ends
-        steps = round(off)
+        steps = min(round(off), MOST_STEPS)
         rates += [
             hz * (1 + CLOCK_ERROR * step / max(steps, 1)) for step in range(-steps, steps + 1)
         ]

@@ -123,15 +123,15 @@ def states_per_second(
         kind: ending of the output's name.
 
     Raises:
-        InputError: the rate is no number up to 1000, or the player cannot keep it.
+        InputError: the rate is no number from 0.1 to 1000, or the player cannot keep it.
     """
     if hold is not None:
         at_least(1, hold=hold)
     wanted = usual if state_hz is None else state_hz
     if state_hz is None and hold is not None:
         wanted = refresh / hold
-    if not (math.isfinite(wanted) and 0 < wanted <= 1000 and refresh > 0):
-        raise InputError(f"--refresh, --state-hz: need up to 1000 states a second, got {wanted:g}")
+    if not (0.1 <= wanted <= 1000 and refresh >= 0.1):
+        raise InputError(f"--refresh, --state-hz: need 0.1 to 1000 a second, got {wanted:g}")
     if kind != ".html":
         return wanted
     held = max(1, math.floor(refresh / wanted + SAME_RATE)) if hold is None else hold

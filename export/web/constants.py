@@ -63,7 +63,7 @@ def write_constants() -> None:
         parts.append("};")
     written = {GENERATED: "\n".join(parts) + "\n", EVENTS: events_types()}
     for file, text in written.items():
-        if not file.is_file() or file.read_text() != text:
+        if not file.is_file() or file.read_text("utf-8") != text:
             write_bytes(file, text.encode())
 
 

@@ -63,8 +63,9 @@ def build_site(out: Path) -> Site:
         InputError: Node.js is missing or fails, the folder holds something else, or it cannot be
             written.
     """
-    if out.is_file() or (out.is_dir() and any(out.iterdir()) and not (out / MARK).is_file()):
-        raise ParameterError("out", f"{out} holds something else; name a new folder")
+    there = {path.name for path in out.iterdir()} if out.is_dir() else set()
+    if out.is_symlink() or (out.exists() and not out.is_dir()) or (there and MARK not in there):
+        raise ParameterError("out", f"{out} is or holds something else; name a new folder")
     install_packages()
     write_constants()
     make_folder(out.absolute().parent)
@@ -79,6 +80,8 @@ def build_site(out: Path) -> Site:
                 f"the site has {site.gzip_bytes} bytes after gzip, and a phone should load at most "
                 f"{MAX_GZIP_BYTES}; make its graphs or packages smaller"
             )
+        if lost := there - {path.name for path in temporary.iterdir()}:
+            raise ParameterError("out", f"{out} has {min(lost)}, which is not of a site; move it")
         if out.exists():
             out.replace(old)
         temporary.replace(out)

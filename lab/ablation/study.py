@@ -67,6 +67,8 @@ def check_ablation(flags: AblationFlags) -> None:
             choose(choices, name, f"name in --{flag}")
         each_once(**{flag: names})
     at_least(1, frames=flags.frames)
+    if not flags.label or Path(flags.label).name != flags.label:
+        raise InputError(f"--label: need a name without slashes, got {flags.label!r}")
     if flags.learned and flags.run is not None:
         try:
             load_checkpoint(flags.run)

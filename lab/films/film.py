@@ -181,7 +181,8 @@ def _information(films: pd.DataFrame) -> float:
 
 def check_film(flags: FilmFlags) -> None:
     """Raise an `InputError` that names the first flag with a wrong value."""
-    at_least(1, runs=flags.runs, states=flags.states)
+    at_least(1, runs=flags.runs)
+    at_least(2, states=flags.states)
     each_once(settings=flags.settings)
     for name in flags.settings:
         choose(SETTINGS, name, "name in --settings")

@@ -28,7 +28,7 @@ except ModuleNotFoundError:
 
 LOCK = ".lock"
 """Name of the file in a folder that carries the lock of the process that writes there."""
-TEMPORARY = re.compile(r"\.(.+)\.\d+\.tmp(\.\w+)?")
+TEMPORARY = re.compile(r"\.(.+)\.(\d+)\.tmp(\.\w+)?")
 """Pattern of the names under which files are written before they are renamed."""
 PATIENCE_S = 0.5
 """Seconds to wait for the name of the process that holds a lock, before it is refused unnamed."""
@@ -135,13 +135,19 @@ def _holder(descriptor: int) -> str:
         return ""  # the holder has not written its name yet
     if host != platform.node():
         return f"process {process} on {host}"
+    # a killed process left its name, and the holder has not written its own yet
+    return f"process {process}" if _lives(int(process)) else ""
+
+
+def _lives(process: int) -> bool:
+    """Whether a process of this number runs, whoever it belongs to."""
     try:
-        os.kill(int(process), 0)
+        os.kill(process, 0)
     except (ProcessLookupError, OverflowError):
-        return ""  # a killed process left its name, and the holder has not written its own yet
+        return False
     except PermissionError:
-        pass  # it belongs to another user
-    return f"process {process}"
+        pass
+    return True
 
 
 def _is_at(path: str, descriptor: int) -> bool:
@@ -170,8 +176,10 @@ def _remove_temporaries(folder: Path, file: str) -> None:
     for parent, folders, files in os.walk(folder):
         for name in (*folders, *files):
             match = TEMPORARY.fullmatch(name)
-            if match is None or (file and match[1] + (match[2] or "") not in (file, file[:50])):
+            if match is None or (file and match[1] + (match[3] or "") not in (file, file[:50])):
                 continue  # `link.images.temporary_name` cuts long names
+            if int(match[2]) != os.getpid() and _lives(int(match[2])):
+                continue  # it is being written below a folder whose lock was free
             path = os.path.join(parent, name)
             if os.path.isdir(path) and not os.path.islink(path):
                 shutil.rmtree(path, ignore_errors=True)

@@ -34,8 +34,8 @@ from link.outside import is_file
 
 LOSSLESS = "FFV1"
 """Code of the writer; of those in OpenCV's wheels it is the smallest that keeps every level."""
-MAX_FPS = 1000.0
-"""Largest number of frames a second that a file is believed to have."""
+MIN_FPS, MAX_FPS = 0.1, 1000.0
+"""Least and largest number of frames a second that a file is believed to have."""
 SPACE_BYTES = 2**20
 """Space, in bytes, that a disk must have left beside a video that is not whole: with less, the disk
 is to blame."""
@@ -135,7 +135,7 @@ class VideoReader:
         count = float(self._video.get(cv2.CAP_PROP_FRAME_COUNT))
         self._stated_s = count / fps if fps > 0 and count > 0 else 0.0
         self._slack_s = 2 / max(fps, 1.0) + SLACK_S
-        self.fps = fps if 0 < fps <= MAX_FPS else None
+        self.fps = fps if MIN_FPS <= fps <= MAX_FPS else None
         """Frames a second as the file states them, or None where it states none."""
         self.broken_off: str | None = None
         """Where the video ended before the time that the file states, in words; None if it did not,

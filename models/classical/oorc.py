@@ -54,25 +54,6 @@ def explicit_map(i_o: Real, i_e: Real, degree: int = 4) -> Real:
     return np.asarray(legendre(i_o, degree) - legendre(i_e, degree))
 
 
-def kernel(a: Real, b: Real, degree: int = 4) -> Real:
-    """Compute the equivalent kernel K = Phi(a) . Phi(b), from the Legendre Gram matrix.
-
-    With S(x, y) = sum_k P_k(x) P_k(y), K expands into S(o, o') - S(o, e') - S(e, o') + S(e, e').
-    It can be given to scikit-learn as ``SVC(kernel=kernel)``.
-
-    Args:
-        a: (N, 2) pixels with columns i_o and i_e in [0, 1].
-        b: (M, 2) pixels with columns i_o and i_e in [0, 1].
-        degree: degree of g.
-
-    Returns:
-        (N, M) values of the kernel.
-    """
-    left, right = legendre(np.asarray(a), degree), legendre(np.asarray(b), degree)
-    gram = np.einsum("nik,mjk->nmij", left, right)
-    return np.asarray(gram[:, :, 0, 0] - gram[:, :, 0, 1] - gram[:, :, 1, 0] + gram[:, :, 1, 1])
-
-
 def inverse_response(weights: NDArray[np.float64]) -> Legendre:
     """Read the inverse response g off the weights of Phi.
 

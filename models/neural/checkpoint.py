@@ -8,6 +8,7 @@ import hashlib
 import io
 import json
 import pickle
+import struct
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -26,7 +27,10 @@ from models.neural.decoder import PhiDecoder
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-DAMAGE = (RuntimeError, pickle.UnpicklingError, EOFError, ValueError, TypeError, LookupError)
+DAMAGE = (
+    AttributeError, EOFError, LookupError, pickle.UnpicklingError, RuntimeError, struct.error,
+    TypeError, ValueError,
+)  # fmt: skip
 """Exceptions that torch.load and load_state_dict raise on damaged files."""
 MAX_WEIGHTS_BYTES = 256 * 2**20
 """Largest size, in bytes, of a decoder.pt that is read."""
@@ -162,7 +166,7 @@ def load_weights(folder: Path, config: dict[str, Any], module: nn.Module) -> Non
     if hashlib.sha256(data).hexdigest() != config["sha256"]:
         raise InputError(f"{weights_file}: differs from the sha256 in config.json; train again")
     try:
-        module.load_state_dict(torch.load(io.BytesIO(data), weights_only=True), strict=True)
+        module.load_state_dict(torch.load(io.BytesIO(data), "cpu", weights_only=True), strict=True)
     except DAMAGE as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError(f"{weights_file}: does not fit config.json ({reason})") from None
@@ -217,7 +221,7 @@ def resume_state(
         return 0, []
     data = read_bounded(file, MAX_STATE_BYTES)
     try:
-        state = torch.load(io.BytesIO(data), weights_only=True)
+        state = torch.load(io.BytesIO(data), "cpu", weights_only=True)
         if state["key"] != key:
             return 0, []
         for name, part in parts.items():

@@ -107,7 +107,7 @@ def _file(module: str, root: Path) -> Path:
 
 def _imports(module: str, root: Path) -> Iterator[str]:
     """Names that may be modules of ours, from every import statement of a module."""
-    for node in ast.walk(ast.parse(_file(module, root).read_text())):
+    for node in ast.walk(ast.parse(_file(module, root).read_text("utf-8"))):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module is not None:
@@ -119,7 +119,7 @@ def _imports(module: str, root: Path) -> Iterator[str]:
 
 def _statements(file: Path) -> str:
     """The module's syntax tree as text, without docstrings and positions."""
-    tree = ast.parse(file.read_text())
+    tree = ast.parse(file.read_text("utf-8"))
     for node in ast.walk(tree):
         body = getattr(node, "body", None)
         if isinstance(body, list):

@@ -156,9 +156,9 @@ def replace_block(page: Path, name: str, content: str) -> None:
         InputError: the page is not here, or has no such markers.
     """
     block = re.compile(rf"(<!-- {name} -->\n).*?(<!-- /{name} -->)", re.DOTALL)
-    if not page.is_file() or not block.search(page.read_text()):
+    if not page.is_file() or not block.search(page.read_text("utf-8")):
         raise InputError(f"{page}: not here, or without {name!r} markers; run from the checkout")
-    text = block.sub(lambda match: f"{match[1]}{content}\n{match[2]}", page.read_text())
+    text = block.sub(lambda match: f"{match[1]}{content}\n{match[2]}", page.read_text("utf-8"))
     write_bytes(page, text.encode())
 
 

@@ -3,6 +3,7 @@
 import json
 import multiprocessing
 import os
+import platform
 import signal
 import subprocess
 import sys
@@ -71,16 +72,30 @@ def test_a_second_process_is_refused_with_the_id_of_the_first(tmp_path: Path) ->
     assert os.listdir(tmp_path) == ["another"]  # nor is its temporary file left
 
 
+NO_PROCESS = 2**31 - 1
+"""Number that no process has."""
+
+
 def test_one_file_of_a_folder_can_be_locked(tmp_path: Path) -> None:
-    (tmp_path / ".other.mkv.1.tmp").touch()
-    (tmp_path / ".film.1.tmp.mkv").touch()
+    (tmp_path / f".other.mkv.{NO_PROCESS}.tmp").touch()
+    (tmp_path / f".film.{NO_PROCESS}.tmp.mkv").touch()
     with holder(tmp_path, "film.mkv") as (process, _):
         assert f"{tmp_path / 'film.mkv'}: process {process.pid}" in refused(tmp_path, "film.mkv")
         with locked(tmp_path, "other.mkv"):
             pass
     with locked(tmp_path, "film.mkv"):
-        assert not (tmp_path / ".film.1.tmp.mkv").exists()
-    assert (tmp_path / ".other.mkv.1.tmp").exists()
+        assert not (tmp_path / f".film.{NO_PROCESS}.tmp.mkv").exists()
+    assert (tmp_path / f".other.mkv.{NO_PROCESS}.tmp").exists()
+
+
+def test_what_a_process_that_lives_writes_in_a_subfolder_is_not_removed(tmp_path: Path) -> None:
+    names = [f".run.json.{process}.tmp" for process in (os.getppid(), NO_PROCESS)]
+    (tmp_path / "sub").mkdir()
+    for name in names:
+        (tmp_path / "sub" / name).touch()
+    (tmp_path / LOCK).write_text(f"{NO_PROCESS} {platform.node()}\n")
+    with locked(tmp_path):
+        assert os.listdir(tmp_path / "sub") == names[:1]
 
 
 def test_a_process_on_another_host_is_named_with_it(tmp_path: Path) -> None:

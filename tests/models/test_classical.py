@@ -24,7 +24,6 @@ from models.classical.hidden_ratex import HiddenRatex, cluster_threshold
 from models.classical.oorc import (
     explicit_map,
     inverse_response,
-    kernel,
     legendre,
 )
 from models.classical.two_step import fit_inverse_response
@@ -301,6 +300,15 @@ def random_pixels(count: int, seed: int) -> Array:
     """(count, 2) columns i_o, i_e."""
     i_o = np.random.default_rng(seed).uniform(0.1, 0.9, count)
     return np.column_stack([i_o, i_o + np.random.default_rng(seed + 1).normal(0, 0.05, count)])
+
+
+def kernel(a: Array, b: Array, degree: int = 4) -> Array:
+    """(N, M) kernel K = Phi(a) . Phi(b) of (N, 2) and (M, 2) pixels, from the Legendre Gram matrix.
+
+    With S(x, y) = sum_k P_k(x) P_k(y), K expands into S(o, o') - S(o, e') - S(e, o') + S(e, e').
+    """
+    gram = np.einsum("nik,mjk->nmij", legendre(a, degree), legendre(b, degree))
+    return gram[:, :, 0, 0] - gram[:, :, 0, 1] - gram[:, :, 1, 0] + gram[:, :, 1, 1]
 
 
 @pytest.mark.parametrize("degree", [1, 4, 7])

@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import re
 import subprocess
 import tarfile
@@ -91,6 +92,20 @@ def test_a_folder_with_something_else_is_not_replaced(tmp_path):
     with pytest.raises(InputError, match=r"out: .* holds something else; name a new folder"):
         site.build_site(tmp_path)
     assert [file.name for file in tmp_path.iterdir()] == ["thesis.txt"]
+
+
+def test_a_site_to_which_somebody_added_a_file_is_not_replaced(tmp_path, monkeypatch):
+    for name in ("install_packages", "write_constants"):
+        monkeypatch.setattr(site, name, lambda: None)
+    monkeypatch.setattr(site, "write_inputs", lambda out: (out.mkdir(), (out / site.MARK).touch()))
+    monkeypatch.setattr(site, "run_node", lambda words: "")
+    out = tmp_path / "site"
+    site.build_site(out)
+    site.build_site(out)
+    (out / "CNAME").write_text("example.org")
+    with pytest.raises(InputError, match=r"out: .* has CNAME, which is not of a site"):
+        site.build_site(out)
+    assert (out / "CNAME").is_file() and os.listdir(tmp_path) == ["site"]
 
 
 def test_without_node_one_line_says_what_to_install(tmp_path, monkeypatch):

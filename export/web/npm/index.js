@@ -87,7 +87,9 @@ export class Receiver {
       return decoder;
     });
     this.#receiver = new FrameReceiver(wanted, fps, frameMs, film);
-    this.#inbox = new Inbox(key && new Verifier(key, maxAgeS));
+    if (key !== null && !(key instanceof Uint8Array)) throw new Error("key: need bytes, or null");
+    if (key === null && maxAgeS !== null) throw new Error("maxAgeS: only with a key");
+    this.#inbox = new Inbox(key === null ? null : new Verifier(key, maxAgeS));
     this.#scores = scores;
   }
 

@@ -5,7 +5,7 @@ import pytest
 from pilot_films import FINE, filmed, leaving
 
 from export.pilots.clock import DisplayClock, embedded_share
-from export.pilots.code import SLOPES, CodeSearch
+from export.pilots.code import MOST_STEPS, PHASES, SLOPES, STATE_HZ, CodeSearch
 from export.pilots.search.pilot_search import PilotSearch
 from export.pilots.signal import pilot_centres, pilot_signs
 from link.layout import Layout, make_layout
@@ -116,3 +116,10 @@ def test_a_display_with_a_corner_out_of_view_is_found_as_soon_as_others() -> Non
 def test_pilots_without_a_code_stand_still_before_a_slow_camera() -> None:
     assert FINE.code == PLAIN
     assert found_in(FINE, [FINE], 30.0, 0.5, 40) is None
+
+
+def test_a_gap_between_frames_does_not_multiply_the_clocks_that_are_tried() -> None:
+    signs, places = pilot_signs(PILOTS), pilot_centres(PILOTS)
+    search = CodeSearch(CODE, signs, places, np.array([0.0, 1.0, 18000.0]), 1.0, 30.0)
+    most = len(STATE_HZ) * (2 * MOST_STEPS + 1) * 2 * PHASES * CODE.period
+    assert len(search.waves) <= most

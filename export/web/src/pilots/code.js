@@ -13,7 +13,7 @@ import { dot } from "../link/linear.js";
 import { CLOCK_NUMBERS, DisplayClock, embeddedShare } from "./clock.js";
 import { lengthOf, takeOut } from "./waves.js";
 
-const { STATE_HZ, CLOCK_ERROR, PHASES, SLOPES, NO_SLOPE, SIDES } = pilotsCode;
+const { STATE_HZ, CLOCK_ERROR, MOST_STEPS, PHASES, SLOPES, NO_SLOPE, SIDES } = pilotsCode;
 const { COMPARED, RIVAL, OPEN, SURER, DRIFT } = pilotsCode;
 export const { MOST_STATE_HZ } = pilotsCode;
 
@@ -339,7 +339,7 @@ export function clocksTried(code) {
  */
 function rates(span) {
   return STATE_HZ.flatMap((hz) => {
-    const steps = roundHalfEven(((CLOCK_ERROR * span) / 2) * hz);
+    const steps = Math.min(roundHalfEven(((CLOCK_ERROR * span) / 2) * hz), MOST_STEPS);
     return Array.from(
       { length: 2 * steps + 1 },
       (_, at) => hz * (1 + (CLOCK_ERROR * (at - steps)) / Math.max(steps, 1)),
