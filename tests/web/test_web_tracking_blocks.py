@@ -88,5 +88,4 @@ def test_repeated_frames_are_recognised(
     for image in [*film, corrected, film[0][::-1, : shape[1] // 2].copy(), film[0]]:
         repeated.append(repeats.is_repeat(image))
         assert ported.isRepeat(image) == repeated[-1]
-    assert ported.count == sum(repeated)
     assert any(repeated) or (shape, deviation) != ((96, 128), 3.0)
