@@ -49,7 +49,7 @@ def main() -> None:
     given, written = ({path.resolve() for path in paths} for paths in (args.images, shown))
     if len(written) < len(shown) or given & written:
         raise InputError("--show: two images would have one name there; name another folder")
-    for path in args.images:
+    for number, path in enumerate(args.images):
         try:
             image = read_image(path, args.max_megapixels)
         except InputError as error:
@@ -64,7 +64,7 @@ def main() -> None:
         print(json.dumps(result), flush=True)
         if args.show is not None:
             drawn = outline_display(image, None if found is None else found.corners)
-            write_image(args.show / f"{path.stem}.png", drawn)
+            write_image(shown[number], drawn)
     if failed:
         sys.exit(2)
 

@@ -21,11 +21,7 @@ from link.types import Array
 from models import DECODERS, PRETRAINED, make_decoder
 from models.classical.common import fit_svm, training_samples
 from models.classical.hidden_ratex import HiddenRatex, cluster_threshold
-from models.classical.oorc import (
-    explicit_map,
-    inverse_response,
-    legendre,
-)
+from models.classical.oorc import explicit_map, inverse_response, legendre
 from models.classical.two_step import fit_inverse_response
 
 KAPPA = 8

@@ -105,6 +105,7 @@ class Proposer:
         self.edges: list[Array] = [*(candidate.corners for candidate in within), *leaving]
         """Quadrilaterals of edges, (4, 2) pixels of the reference, the strongest first."""
         self._seen: dict[int, tuple[Array, tuple[float, Proposal]]] = {}
+        """Each quadrilateral that was glanced at, and what was seen last, by its ``id``."""
 
     def faint_edges(self) -> list[Array]:
         """Propose quadrilaterals in the mean of all frames, its levels spread over the whole range.

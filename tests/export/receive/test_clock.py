@@ -79,6 +79,7 @@ def test_the_clock_is_found_in_noisy_toggles(
         wave = embedded_share(np.array([astuple(true)]), np.array([time]), PLACES)[0, :, 0]
         sync.add(time, 3 * wave + rng.normal(0, 0.4, 5) + [1, 5, -3, 0, 2])
     assert sync.clock is not None
+    assert sync._fit is not None and sync._fit[0].r2 > 0.8
     assert sync.clock.period == pytest.approx(true.period, rel=0.004)
     error = (sync.clock.number(3.0) - true.number(3.0) + 1) % 2 - 1
     assert abs(error) < 0.2

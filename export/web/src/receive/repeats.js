@@ -27,9 +27,6 @@ export class Repeats {
   /** Differences of the last frames at each of `QUANTILES`. @type {number[][]} */
   #changes = [];
 
-  constructor() {
-  }
-
   /**
    * Tell whether a frame shows again what the frame before showed.
    *
