@@ -117,7 +117,8 @@ class Panel:
             begins = self._phase + self._display.pwm_hz * pulses
             gain = refine_grid(pulsed_gain(self._display, shutter_s, begins), size)
             light *= cv2.merge([gain] * 3)
-        return light, dict(sorted(shares.items()))
+        # Changes are added up, so a fast fall that follows a slow rise may end below dark.
+        return np.maximum(light, 0.0, out=light), dict(sorted(shares.items()))
 
     def _cumulative(
         self, times: Times, shutter_s: float, response_s: float

@@ -11,6 +11,7 @@ from tolerances import FLOAT32, PHASE_MEAN
 from data_gen.channel.panel import LEAST_SHARE, Panel, dithered
 from data_gen.pairs import DISPLAYS
 from data_gen.parameters import SCANS, Display
+from data_gen.today import DISPLAYS as DISPLAYS_OF_TODAY
 from data_gen.today import LAPTOP
 from link.types import Floats, Image
 
@@ -123,3 +124,8 @@ def test_a_laptop_shows_a_steady_picture_as_it_is() -> None:
     level, shares = exposed(LAPTOP, [77], 15.0, 0.3, 1 / 60)
     np.testing.assert_allclose(level, 77, rtol=4 * FLOAT32)
     assert sum(shares.values()) == pytest.approx(1.0)
+
+
+def test_a_fast_fall_after_a_slow_rise_ends_no_darker_than_dark() -> None:
+    level, _ = exposed(DISPLAYS_OF_TODAY["tv"], [0, 0, 255], 60.0, 0.0786, 0.004)
+    assert level.min() == 0
