@@ -13,6 +13,7 @@ from export.receive.timing.synchronise import AWAY_S, Synchroniser, needed_evide
 from export.receive.timing.toggles import PatchToggles, make_toggles
 from link.embed import embed
 from link.layout import make_layout
+from link.pilot_code import PilotCode
 from link.presets import PRESETS
 
 PATCHES = PatchToggles(make_layout())
@@ -123,6 +124,33 @@ def test_a_synchroniser_finds_the_clock_holds_it_and_keeps_its_numbers(port):
     best = ported.best
     found = [best.strength, best.amplitude, best.stateHz, best.deviation]
     same(found, astuple(sync.best), CLOCK_STATE)
+
+
+@pytest.mark.parametrize(("off", "kept"), [(1.5, False), (30.0, True)])
+def test_a_code_s_clock_is_put_right_where_frames_are_missing(off, kept, port):
+    """One that is found with too little evidence is taken if it is about the one that is held."""
+    rng, code = np.random.default_rng(7), PilotCode()
+    true = DisplayClock(1 / 59.64, 0.02, 0.0, 0.01, 1 / 64)
+    held = replace(true, period=1 / 60, start=true.start + (off - 120) / 60 + 120 / 59.64)
+    times = np.sort(rng.choice(120, 22, replace=False)) / 30
+    wave = embedded_share(np.array([astuple(true)]), times, PATCHES.places, code)[0].T
+    toggles = 3 * wave + 1.1 * rng.normal(size=wave.shape)
+    sync = Synchroniser(30.0, PATCHES, code)
+    meter = port("receive/timing/toggles.js").PatchToggles(PATCHES.layout)
+    signs = port("link/pilotCode.js").PilotCode(code.signs.tolist())
+    ported = port("receive/timing/synchronise.js").Synchroniser(30.0, meter, signs)
+    for time, values in zip(times, toggles, strict=True):
+        sync.add(time, values, fit=False)
+        ported.add(time, values, False)
+    sync.begin(held, times[-1])
+    ported.begin(port("pilots/clock.js").DisplayClock(*astuple(held)), times[-1])
+    nothing = np.full(len(PATCHES.places), np.nan)
+    sync.add(times[-1] + 0.01, nothing)
+    ported.add(times[-1] + 0.01, nothing)
+    assert 30 / needed_evidence(4.0, 30.0, code) < sync.best.strength < 1
+    same(numbers_of(ported.clock), astuple(sync.clock), FITTED)
+    assert (sync.clock == held) == kept
+    assert kept or abs(sync.clock.number(4.0) - true.number(4.0)) < 0.3
 
 
 @pytest.mark.parametrize("name", ["paper", "robust"])

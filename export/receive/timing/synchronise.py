@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from export.pilots.clock import DisplayClock
-from export.pilots.code import clocks_tried
+from export.pilots.code import CLOCK_ERROR, RIVAL, clocks_tried
 from export.receive.timing.fit import ClockFit, ToggleWindow
 from export.receive.timing.toggles import Toggles
 from link.pilot_code import PLAIN, PilotCode
@@ -182,9 +182,9 @@ class Synchroniser:
         followed = None
         if self.clock is not None:
             followed = self._follow(window)
-            if followed.evidence >= needed and (
-                followed.r2 >= GOOD_R2 or time < self._searched_at + SEARCH_S
-            ):
+            sure = followed.evidence >= needed and followed.r2 >= GOOD_R2
+            lately = time < self._searched_at + SEARCH_S
+            if sure or (lately and followed.evidence >= CONFIRMED):
                 self._adopt(followed, window, time)
                 return
         found = window.search()
@@ -197,8 +197,23 @@ class Synchroniser:
             if lead < max(CLEARLY, SHARE * followed.evidence) or found.evidence < needed:
                 self._adopt(followed, window, time)
                 return
-        if found.evidence >= needed and found.amplitude >= MIN_TOGGLE:
+        wanted = CONFIRMED if self._agrees(found, window) else needed
+        if found.evidence >= wanted and found.amplitude >= MIN_TOGGLE:
             self._adopt(found, window, time)
+
+    def _agrees(self, found: ClockFit, window: ToggleWindow) -> bool:
+        """Tell whether a clock that was found is about the one with which the display was found.
+
+        That one is right to about two states and one per cent, which may be too far off to be
+        followed where frames are missing.
+        """
+        held = self.clock
+        if held is None or self._fit is not None:
+            return False
+        again = 2 * self._code.period
+        apart = _number_seen(found.clock, 0.0) - _number_seen(held, window.middle)
+        near = abs(apart - again * round(apart / again)) <= RIVAL
+        return near and abs(found.clock.period / held.period - 1) <= CLOCK_ERROR
 
     def _note(self, toggling: Toggling) -> None:
         if self.best is None or toggling.strength > self.best.strength:

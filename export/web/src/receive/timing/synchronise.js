@@ -1,6 +1,6 @@
 /** Find the display's clock, follow it, hold it through weak spells, and find it again. */
 
-import { receiveTimingSynchronise } from "../../generated/constants.js";
+import { pilotsCode, receiveTimingSynchronise } from "../../generated/constants.js";
 import { PLAIN } from "../../link/pilotCode.js";
 import { DisplayClock } from "../../pilots/clock.js";
 import { clocksTried } from "../../pilots/code.js";
@@ -13,6 +13,7 @@ export const {
   GOOD_R2, SEARCH_S, CLEARLY, SHARE, MIN_TOGGLE, HOLD_S, MAX_PHASE_ERROR, WANDER, SAME,
   FALSE_ALARM, CANDIDATES,
 } = receiveTimingSynchronise;
+const { CLOCK_ERROR, RIVAL } = pilotsCode;
 
 /**
  * Say how much evidence a search must find for its clock to be believed.
@@ -162,10 +163,9 @@ export class Synchroniser {
     let followed = null;
     if (this.clock !== null) {
       followed = this.#follow(this.clock, window);
-      if (
-        followed.evidence >= needed &&
-        (followed.r2 >= GOOD_R2 || time < this.#searchedAt + SEARCH_S)
-      ) {
+      const isSure = followed.evidence >= needed && followed.r2 >= GOOD_R2;
+      const isRecent = time < this.#searchedAt + SEARCH_S;
+      if (isSure || (isRecent && followed.evidence >= CONFIRMED)) {
         this.#adopt(followed, window, time);
         return;
       }
@@ -183,9 +183,24 @@ export class Synchroniser {
         return;
       }
     }
-    if (found.evidence >= needed && found.amplitude >= MIN_TOGGLE) {
+    const wanted = this.#agrees(found, window) ? CONFIRMED : needed;
+    if (found.evidence >= wanted && found.amplitude >= MIN_TOGGLE) {
       this.#adopt(found, window, time);
     }
+  }
+
+  /**
+   * Tell whether a clock that was found is about the one with which the display was found.
+   *
+   * @param {ClockFit} found
+   * @param {ToggleWindow} window
+   */
+  #agrees(found, window) {
+    const held = this.clock;
+    if (held === null || this.#fit !== null) return false;
+    const apart = numberSeen(found.clock, 0) - numberSeen(held, window.middle);
+    const near = Math.abs(apart - this.again * Math.round(apart / this.again)) <= RIVAL;
+    return near && Math.abs(found.clock.period / held.period - 1) <= CLOCK_ERROR;
   }
 
   /** @param {Toggling} toggling */
