@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from link.code.fine import (
     PIECES,
+    USUAL_FRAMES,
     ReadFrame,
     Shape,
     Terms,
@@ -29,19 +30,23 @@ from link.code.steps import Steps
 from link.code.words import NUMBERS
 from link.types import Floats
 
-UNSURE = 1e-4
+UNSURE = 1e-2
 """Largest posterior probability of all other numbers together at which a frame's number counts."""
 JUMP = 1e-4
 """Probability that a frame's number is not the one that the display's count says. After each
 frame the others keep about this probability over the likelihood of the right one. So it is small,
 and frames of which few blocks can be read are numbered, too."""
+LOOP_ENDS = 1 / 64
+"""Probability that a loop of unknown length ends with a frame, and begins again."""
 MAX_WAITING = 64
 """Number of frames that may wait until their number or the terms are known; the oldest are
 dropped."""
-TERMS_MEMORY = 0.8
-"""Factor by which the evidence for a word of the terms fades when that word is seen again."""
-CONTRADICTIONS = 3
-"""Number of frames in a row that contradict the terms, after which the terms are learnt afresh."""
+TERMS_MEMORY = 0.95
+"""Factor by which the evidence for a word of the terms fades when that word is seen again. A word
+of which little can be read must be seen often, so it fades slowly."""
+CONTRADICTS, DOUBTFUL = -4.0, -12.0
+"""Log-likelihood, over chance, below which a frame clearly contradicts a number or the terms, and
+sum over frames below 0 at which the terms are learnt afresh: three clear frames are enough."""
 SCORES_MEMORY = 15 / 16
 """Factor by which the scores of a frame fade when that frame is seen again, so that what was
 collected amiss loses its weight."""
@@ -153,13 +158,15 @@ class FineCollector:
         """Add one frame, or let it wait."""
         frame = WaitingFrame(cut_scores(scores).astype(np.float32), count, None)
         self._waiting = [*self._waiting, frame][-MAX_WAITING:]
-        frame.number = self._follow(number_likelihoods(frame.scores), count)
-        if frame.number is None:
+        number = self._follow(number_likelihoods(frame.scores), count)
+        if number is None:
             return
-        self._number_waiting(frame)
-        self._learn_terms(ReadFrame(frame.scores, frame.number))
+        self._doubt_terms(ReadFrame(frame.scores, number))
+        for read in self._number_waiting(number, count):
+            self._learn_terms(read)
         if self._terms is None:
             return
+        self._number_waiting(number, count)
         for waiting in self._waiting:
             self._put(waiting, self._terms)
         self._waiting = []
@@ -173,6 +180,10 @@ class FineCollector:
             if self._terms is None:
                 step = min(max(count - self._count, 0), NUMBERS)
                 moved[step:] = self._belief[: NUMBERS - step]
+                moved[:step] = np.log(-np.expm1(step * np.log1p(-LOOP_ENDS)) / max(step, 1))
+                over = np.s_[: min(step, USUAL_FRAMES)]  # a loop of the usual length is over
+                again = np.roll(self._belief[:USUAL_FRAMES], step % USUAL_FRAMES)[over]
+                moved[over] = np.logaddexp(moved[over], again)
             else:
                 moved[:frames] = np.roll(self._belief[:frames], (count - self._count) % frames)
             belief += np.logaddexp(moved + np.log(1 - JUMP), np.log(JUMP / NUMBERS))
@@ -182,39 +193,52 @@ class FineCollector:
         best = int(self._belief.argmax())
         return best if np.exp(self._belief).sum() - np.exp(self._belief[best]) < UNSURE else None
 
-    def _number_waiting(self, sure: WaitingFrame) -> None:
-        """Number the frames that waited for it back from one that is sure; drop what misfits."""
-        assert sure.number is not None
-        kept = []
+    def _number_waiting(self, number: int, count: int) -> list[ReadFrame]:
+        """Number the frames that wait by one whose number is sure; drop what misfits.
+
+        Those from before the loop began again go on waiting until its length is known.
+
+        Returns:
+            what the frames that are numbered now say.
+        """
+        kept, numbered = [], []
         for frame in self._waiting:
             if frame.number is None:
-                number = sure.number - (sure.count - frame.count)
+                own = number - (count - frame.count)
                 if self._terms is not None:
-                    number %= self._terms.frames
-                if number < 0 or number_likelihoods(frame.scores)[number] < 0:
-                    continue
-                frame.number = number
+                    own %= self._terms.frames
+                if own >= 0:
+                    if own >= NUMBERS or number_likelihoods(frame.scores)[own] < CONTRADICTS:
+                        continue
+                    frame.number = own
+                    numbered.append(ReadFrame(frame.scores, own))
             kept.append(frame)
         self._waiting = kept
+        return numbered
 
     def _forget_terms(self) -> None:
         """Learn the terms from the next frames."""
         self._terms = None
         self._evidence = np.zeros((PIECES, NUMBERS), np.float32)
         self._heard = np.zeros(PIECES, bool)
-        self._contradicted = 0
+        self._support = 0.0
+
+    def _doubt_terms(self, frame: ReadFrame) -> None:
+        """Forget the terms once frames contradict them."""
+        if self._terms is None:
+            return
+        self._support = min(0.0, self._support + max(frame.supports(self._terms), CONTRADICTS))
+        if self._support <= DOUBTFUL:
+            self._forget_terms()
 
     def _learn_terms(self, frame: ReadFrame) -> None:
-        """Add what a frame says about the terms."""
+        """Add what a frame says about the terms, while they are unknown."""
         if self._terms is not None:
-            contradicts = frame.supports(self._terms) < 0
-            self._contradicted = self._contradicted + 1 if contradicts else 0
-            if self._contradicted == CONTRADICTIONS:
-                self._forget_terms()
+            return
         self._evidence[frame.pieces] *= TERMS_MEMORY
         self._evidence[frame.pieces] += frame.likelihoods
         self._heard[frame.pieces] = True
-        if self._terms is None and self._heard.all():
+        if self._heard.all():
             self._terms = read_terms(self._evidence.argmax(axis=1), self.n_bits)
 
     def _put(self, waiting: WaitingFrame, terms: Terms) -> None:
@@ -223,7 +247,7 @@ class FineCollector:
         if waiting.number >= terms.frames:
             return
         frame = ReadFrame(waiting.scores, waiting.number)
-        if frame.supports(terms) < 0:
+        if frame.supports(terms) < CONTRADICTS:
             return
         if terms == self._delivered:
             self._loop, self._due, self.progress = None, False, 1.0

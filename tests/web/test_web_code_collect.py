@@ -105,6 +105,13 @@ def test_a_fine_loop_is_joined_at_every_start(n_bits: int, ber: float, port: Por
         assert compare(port, shown(bits, rng, 13, start, ber, 0.2)) == 1
 
 
+def test_a_fine_loop_of_which_little_can_be_read(port: Port) -> None:
+    rng = np.random.default_rng(5)
+    bits = encode(rng.bytes(100), 2765)[np.arange(20, 75) % 32]
+    scores = 0.2 * bits - 0.1 + rng.normal(0, np.sqrt(0.2), bits.shape)
+    assert compare(port, scores) == 1
+
+
 def test_fine_messages_that_change(port: Port) -> None:
     rng = np.random.default_rng(5)
     texts = [rng.bytes(340), rng.bytes(340), rng.bytes(100)]

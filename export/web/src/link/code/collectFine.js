@@ -9,7 +9,7 @@
  * mean that the message has changed (link/code/collect_fine.py).
  */
 
-import { codeCollectFine } from "../../generated/constants.js";
+import { codeCollectFine, codeFine } from "../../generated/constants.js";
 import {
   PIECES,
   ReadFrame,
@@ -27,9 +27,10 @@ import { NUMBERS, largestAt, logSumExp } from "./words.js";
 /** @import { Content } from "./message.js" */
 
 const {
-  UNSURE, JUMP, MAX_WAITING, TERMS_MEMORY, CONTRADICTIONS, SCORES_MEMORY, FIRST_TRY, NEXT_TRY, LATE,
-  LATE_TRY,
+  UNSURE, JUMP, LOOP_ENDS, MAX_WAITING, TERMS_MEMORY, CONTRADICTS, DOUBTFUL, SCORES_MEMORY, FIRST_TRY,
+  NEXT_TRY, LATE, LATE_TRY,
 } = codeCollectFine;
+const { USUAL_FRAMES } = codeFine;
 
 /** Scores of a loop's coded bits, summed over all times that each frame was seen. */
 class CodedScores {
@@ -115,8 +116,8 @@ export class FineCollector {
   #evidence = noEvidence();
   /** Whether each word of the terms was seen. */
   #heard = new Array(PIECES).fill(false);
-  /** Number of the last frames in a row that contradict the terms. */
-  #contradicted = 0;
+  /** How far the last frames contradict the terms: a log-likelihood over chance, at most 0. */
+  #support = 0;
 
   /** @param {number} nBits - message blocks of a frame */
   constructor(nBits) {
@@ -160,16 +161,14 @@ export class FineCollector {
    */
   #take(received, count) {
     const scores = cutScores(received, new Float32Array(this.nBits));
-    /** @type {WaitingFrame} */
-    const frame = { scores, count, number: null };
-    this.#waiting.push(frame);
+    this.#waiting.push({ scores, count, number: null });
     if (this.#waiting.length > MAX_WAITING) this.#waiting.shift();
     const number = this.#follow(numberLikelihoods(scores), count);
     if (number === null) return;
-    frame.number = number;
-    this.#numberWaiting(number, count);
-    this.#learnTerms(new ReadFrame(scores, number));
+    this.#doubtTerms(new ReadFrame(scores, number));
+    for (const read of this.#numberWaiting(number, count)) this.#learnTerms(read);
     if (this.#terms === null) return;
+    this.#numberWaiting(number, count);
     for (const waiting of this.#waiting) this.#put(waiting, this.#terms);
     this.#waiting = [];
   }
@@ -184,11 +183,9 @@ export class FineCollector {
   #follow(likelihoods, count) {
     const belief = likelihoods;
     if (this.#belief !== null) {
-      const steps = count - this.#count;
+      const moved = this.#movedOn(this.#belief, count - this.#count);
       for (let number = 0; number < NUMBERS; number++) {
-        const before = this.#numberBefore(number, steps);
-        const moved = before < 0 ? 0 : Math.exp(this.#belief[before]) * (1 - JUMP);
-        belief[number] += Math.log(moved + JUMP / NUMBERS);
+        belief[number] += Math.log(moved[number] * (1 - JUMP) + JUMP / NUMBERS);
       }
     }
     this.#count = count;
@@ -204,33 +201,55 @@ export class FineCollector {
   }
 
   /**
-   * Find which number moves on to another one; below 0 where there is none.
+   * Work out how likely each number is where the display moved on as its count says.
    *
-   * @param {number} number - number of a frame
-   * @param {number} steps - by how many frames the display moved on since the one before
+   * @param {Float64Array} belief - logarithms of the probabilities before
+   * @param {number} steps - by how many frames the display moved on
    */
-  #numberBefore(number, steps) {
-    if (this.#terms === null) return number - Math.max(steps, 0);
-    const { frames } = this.#terms;
-    return number < frames ? remainder(number - steps, frames) : -1;
+  #movedOn(belief, steps) {
+    const moved = new Float64Array(NUMBERS);
+    if (this.#terms !== null) {
+      const { frames } = this.#terms;
+      for (let number = 0; number < frames; number++) {
+        moved[number] = Math.exp(belief[remainder(number - steps, frames)]);
+      }
+      return moved;
+    }
+    const step = Math.min(Math.max(steps, 0), NUMBERS);
+    for (let number = step; number < NUMBERS; number++) {
+      moved[number] = Math.exp(belief[number - step]);
+    }
+    moved.fill(-Math.expm1(step * Math.log1p(-LOOP_ENDS)) / step, 0, step);
+    // a loop of the usual length is over
+    for (let number = 0; number < Math.min(step, USUAL_FRAMES); number++) {
+      moved[number] += Math.exp(belief[remainder(number - step, USUAL_FRAMES)]);
+    }
+    return moved;
   }
 
   /**
-   * Number the frames that waited, back from one that is sure; drop what misfits.
+   * Number the frames that wait by one whose number is sure; drop what misfits. Those from before
+   * the loop began again go on waiting until its length is known.
    *
    * @param {number} sure - number of the frame that is sure
    * @param {number} count - of that frame
+   * @returns {ReadFrame[]} what the frames that are numbered now say
    */
   #numberWaiting(sure, count) {
+    /** @type {ReadFrame[]} */
+    const numbered = [];
     this.#waiting = this.#waiting.filter((frame) => {
       if (frame.number !== null) return true;
       let number = sure - (count - frame.count);
       if (this.#terms !== null) number = remainder(number, this.#terms.frames);
+      if (number < 0) return true;
       // a number that no word tells fits no better than one that the frame's word contradicts
-      if (number < 0 || !(numberLikelihoods(frame.scores)[number] >= 0)) return false;
+      if (!(numberLikelihoods(frame.scores)[number] >= CONTRADICTS)) return false;
       frame.number = number;
+      numbered.push(new ReadFrame(frame.scores, number));
       return true;
     });
+    return numbered;
   }
 
   /** Learn the terms from the next frames. */
@@ -238,27 +257,35 @@ export class FineCollector {
     this.#terms = null;
     this.#evidence = noEvidence();
     this.#heard.fill(false);
-    this.#contradicted = 0;
+    this.#support = 0;
   }
 
   /**
-   * Add what a frame says about the terms.
+   * Forget the terms once frames contradict them.
+   *
+   * @param {ReadFrame} frame
+   */
+  #doubtTerms(frame) {
+    if (this.#terms === null) return;
+    const support = Math.max(frame.supports(this.#terms), CONTRADICTS);
+    this.#support = Math.min(0, this.#support + support);
+    if (this.#support <= DOUBTFUL) this.#forgetTerms();
+  }
+
+  /**
+   * Add what a frame says about the terms, while they are unknown.
    *
    * @param {ReadFrame} frame
    */
   #learnTerms(frame) {
-    if (this.#terms !== null) {
-      const contradicts = frame.supports(this.#terms) < 0;
-      this.#contradicted = contradicts ? this.#contradicted + 1 : 0;
-      if (this.#contradicted === CONTRADICTIONS) this.#forgetTerms();
-    }
+    if (this.#terms !== null) return;
     frame.pieces.forEach((piece, shown) => {
       const evidence = this.#evidence[piece];
       const more = frame.likelihoods[shown];
       for (let at = 0; at < NUMBERS; at++) evidence[at] = TERMS_MEMORY * evidence[at] + more[at];
       this.#heard[piece] = true;
     });
-    if (this.#terms === null && this.#heard.every(Boolean)) {
+    if (this.#heard.every(Boolean)) {
       this.#terms = readTerms(this.#evidence.map(largestAt), this.nBits);
     }
   }
@@ -273,7 +300,7 @@ export class FineCollector {
     const number = /** @type {number} */ (waiting.number);
     if (number >= terms.frames) return;
     const frame = new ReadFrame(waiting.scores, number);
-    if (frame.supports(terms) < 0) return;
+    if (frame.supports(terms) < CONTRADICTS) return;
     if (terms.equals(this.#delivered)) {
       this.#forgetLoop();
       return;
