@@ -29,7 +29,7 @@ from link.code.rateless import (
     make_rateless,
 )
 from link.code.scrambled import scrambled
-from link.code.steps import Steps, run_to_end
+from link.code.steps import Steps
 from link.code.words import NUMBER_BITS, NUMBERS, WORD, all_words, weigh_words
 from link.errors import ParameterError
 from link.types import Floats
@@ -207,30 +207,6 @@ def encode_fine(
     return bits
 
 
-def decode_fine(scores: NDArray[np.floating]) -> Content | None:
-    """Read the message of a loop from the scores of all its frames, in order.
-
-    Args:
-        scores: (frames, n_bits) log-likelihood ratios, positive for 1; 0 where nothing is known.
-
-    Returns:
-        the message and whether it is signed, or None where the scores do not suffice. It is never a
-        wrong message, short of a CRC-32 and three bytes of a SHA-256 that fit by chance.
-    """
-    scores = np.asarray(np.nan_to_num(scores), np.float32)
-    frames, n_bits = scores.shape
-    evidence = np.zeros((PIECES, NUMBERS), np.float32)
-    body = np.zeros((frames, Shape.of(n_bits).body), np.float32)
-    for number in range(min(frames, MAX_FRAMES)):
-        frame = ReadFrame(scores[number], number)
-        evidence[frame.pieces] += frame.likelihoods
-        body[number] = frame.coded
-    terms = read_terms(evidence.argmax(axis=1), n_bits)
-    if terms is None or terms.frames != frames:
-        return None
-    return decode_coded(body, terms)
-
-
 class ReadFrame:
     """What the scores of a frame say, once its number is known.
 
@@ -328,11 +304,6 @@ def coded_bits(content: Content, terms: Terms, n_bits: int) -> NDArray[np.uint8]
     size = terms.frames * Shape.of(n_bits).body
     coded = terms.code.encode(information, -(-size // terms.blocks))  # (count, blocks)
     return np.asarray(coded.reshape(-1)[:size].reshape(terms.frames, -1), np.uint8)
-
-
-def decode_coded(scores: Floats, terms: Terms) -> Content | None:
-    """Read a message whose terms are known, at once; `coded_decoding_steps` says the rest."""
-    return run_to_end(coded_decoding_steps(scores, terms))
 
 
 def coded_decoding_steps(scores: Floats, terms: Terms) -> Steps[Content | None]:

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from link.code.fine import MAX_FRAMES as FINE_MAX_FRAMES
 from link.code.fine import (
     MIN_REDUNDANCY,
-    decode_fine,
     encode_fine,
     fine_capacity,
     fine_frames,
@@ -227,7 +226,7 @@ def encode(
 
 
 def decode(scores: NDArray[np.floating]) -> Content | None:
-    """Read the message of a loop from its scores.
+    """Read the message of a coarse grid's loop from its scores.
 
     Args:
         scores: (frames, n_bits) log-likelihood ratios, positive for 1; 0 where nothing is known.
@@ -248,8 +247,6 @@ def decode(scores: NDArray[np.floating]) -> Content | None:
     frames, n_bits = scores.shape
     if capacity(frames, n_bits) < 1 or not scores.any():
         return None
-    if is_fine(n_bits):
-        return decode_fine(scores)
     body = scores[:, SIGNATURE:].reshape(-1)
     order, white = _order(body.size)
     llr = np.empty_like(body)

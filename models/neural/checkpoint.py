@@ -9,6 +9,7 @@ import io
 import json
 import pickle
 import struct
+import zipfile
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -29,9 +30,9 @@ if TYPE_CHECKING:
 
 DAMAGE = (
     AttributeError, EOFError, LookupError, pickle.UnpicklingError, RuntimeError, struct.error,
-    TypeError, ValueError,
+    TypeError, ValueError, zipfile.BadZipFile,
 )  # fmt: skip
-"""Exceptions that torch.load and load_state_dict raise on damaged files."""
+"""Exceptions that `unpack` and load_state_dict raise on damaged files."""
 MAX_WEIGHTS_BYTES = 256 * 2**20
 """Largest size, in bytes, of a decoder.pt that is read."""
 MAX_STATE_BYTES = 3 * MAX_WEIGHTS_BYTES
@@ -166,12 +167,25 @@ def load_weights(folder: Path, config: dict[str, Any], module: nn.Module) -> Non
     if hashlib.sha256(data).hexdigest() != config["sha256"]:
         raise InputError(f"{weights_file}: differs from the sha256 in config.json; train again")
     try:
-        module.load_state_dict(torch.load(io.BytesIO(data), "cpu", weights_only=True), strict=True)
+        module.load_state_dict(unpack(data), strict=True)
     except DAMAGE as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError(f"{weights_file}: does not fit config.json ({reason})") from None
     if not all(torch.isfinite(p).all() for p in module.parameters()):
         raise InputError(f"{weights_file}: contains values that are not finite; train again")
+
+
+def unpack(data: bytes) -> Any:
+    """Read what torch.save wrote, or raise one of `DAMAGE`.
+
+    torch compresses nothing. A file of 1 MB whose parts are compressed can take up 1 GB of memory.
+    """
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        parts = archive.infolist()
+    stored = all(part.compress_type == zipfile.ZIP_STORED for part in parts)
+    if not stored or sum(part.file_size for part in parts) > len(data):
+        raise ValueError("it is compressed; save it with torch.save")
+    return torch.load(io.BytesIO(data), "cpu", weights_only=True)
 
 
 def save_state(
@@ -221,7 +235,7 @@ def resume_state(
         return 0, []
     data = read_bounded(file, MAX_STATE_BYTES)
     try:
-        state = torch.load(io.BytesIO(data), "cpu", weights_only=True)
+        state = unpack(data)
         if state["key"] != key:
             return 0, []
         for name, part in parts.items():

@@ -627,30 +627,16 @@ function candidateWaves(stateHz, times, places, frame) {
 }
 
 /**
- * Work out exp(-i pi hz t) for rates in even steps.
+ * Work out exp(-i pi hz t).
  *
  * @param {Float64Array} rates - (F,)
  * @param {Float64Array} times - (m,)
  * @returns {{ real: Float64Array[], imaginary: Float64Array[] }} F times (m,) each
  */
 function phasors(rates, times) {
-  const real = Array.from(rates, () => new Float64Array(times.length));
-  const imaginary = Array.from(rates, () => new Float64Array(times.length));
-  const step = rates.length > 1 ? rates[1] - rates[0] : 0;
-  times.forEach((time, k) => {
-    const stepRe = Math.cos(-Math.PI * step * time);
-    const stepIm = Math.sin(-Math.PI * step * time);
-    let re = Math.cos(-Math.PI * rates[0] * time);
-    let im = Math.sin(-Math.PI * rates[0] * time);
-    for (let f = 0; f < rates.length; f++) {
-      real[f][k] = re;
-      imaginary[f][k] = im;
-      const turned = re * stepRe - im * stepIm;
-      im = re * stepIm + im * stepRe;
-      re = turned;
-    }
-  });
-  return { real, imaginary };
+  const angles = Array.from(rates, (hz) => times.map((time) => -Math.PI * hz * time));
+  const real = angles.map((row) => row.map(Math.cos));
+  return { real, imaginary: angles.map((row) => row.map(Math.sin)) };
 }
 
 /**
@@ -663,16 +649,12 @@ function phasors(rates, times) {
 function linearised(gram, product) {
   const turned = (/** @type {Float64Array} */ values, /** @type {number} */ k) =>
     k === 0 ? values[0] : (values[k] - values[0]) / STEP;
-  const half = new Float64Array(MOVED * MOVED);
-  for (let row = 0; row < MOVED; row++) {
-    const values = gram.subarray(row * MOVED, (row + 1) * MOVED);
-    for (let col = 0; col < MOVED; col++) half[col * MOVED + row] = turned(values, col);
-  }
-  const normal = new Float64Array(MOVED * MOVED);
-  for (let row = 0; row < MOVED; row++) {
-    const values = half.subarray(row * MOVED, (row + 1) * MOVED);
-    for (let col = 0; col < MOVED; col++) normal[col * MOVED + row] = turned(values, col);
-  }
+  const turnedRows = (/** @type {Float64Array} */ square) =>
+    square.map((_, at) => {
+      const [col, row] = [Math.floor(at / MOVED), at % MOVED]; // which transposes it
+      return turned(square.subarray(row * MOVED, (row + 1) * MOVED), col);
+    });
+  const normal = turnedRows(turnedRows(gram));
   return { normal, right: product.map((_, k) => turned(product, k)) };
 }
 
