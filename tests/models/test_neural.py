@@ -1,5 +1,7 @@
+import hashlib
 import io
 import json
+import zipfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -577,6 +579,14 @@ def changed(state: dict[str, Tensor], **changes: Any) -> dict[str, Tensor]:
     return {k: v for k, v in {**state, **changes}.items() if v is not None}
 
 
+def compressed(weights: bytes) -> bytes:
+    source, packed = zipfile.ZipFile(io.BytesIO(weights)), io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in source.namelist():
+            archive.writestr(name, source.read(name))
+    return packed.getvalue()
+
+
 BAD_WEIGHTS: dict[str, Callable[[dict[str, Tensor]], bytes]] = {
     "empty": lambda state: b"",
     "text": lambda state: b"these are words, not weights\n" * 100,
@@ -593,6 +603,7 @@ BAD_WEIGHTS: dict[str, Callable[[dict[str, Tensor]], bytes]] = {
     "not a tensor": lambda state: saved(changed(state, prior="none")),
     "nan": lambda state: saved(changed(state, prior=state["prior"] * torch.nan)),
     "infinite": lambda state: saved(changed(state, log_C=state["log_C"] + torch.inf)),
+    "compressed": lambda state: compressed(saved(state)),
 }
 
 
@@ -601,7 +612,11 @@ def test_damaged_weights_are_an_input_error_that_names_the_file(
     checkpoint: Path, damage: str
 ) -> None:
     state = load_checkpoint(checkpoint).state_dict()
-    (checkpoint / "decoder.pt").write_bytes(BAD_WEIGHTS[damage](state))
+    weights = BAD_WEIGHTS[damage](state)
+    (checkpoint / "decoder.pt").write_bytes(weights)
+    config = json.loads((checkpoint / "config.json").read_text())
+    config["sha256"] = hashlib.sha256(weights).hexdigest()  # else nothing else is looked at
+    (checkpoint / "config.json").write_text(json.dumps(config))
     with pytest.raises(InputError, match=r"decoder\.pt: "):
         load_checkpoint(checkpoint)
 
