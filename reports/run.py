@@ -14,6 +14,7 @@
 
 import json
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -218,7 +219,7 @@ class Run:
 def claim_folder(
     folder: Path, settings: dict[str, Any], part: str = "", ignored: Sequence[str] = ()
 ) -> None:
-    """Write a run's settings to config.json before any work, or refuse another run's folder.
+    """Write a run's settings to config.json before any work, or refuse what is no run's folder.
 
     Call it while `link.files.lock.locked` keeps others out of the folder.
 
@@ -230,7 +231,7 @@ def claim_folder(
         ignored: settings that decide no result, in which two runs may differ.
 
     Raises:
-        InputError: the folder holds results and another config.json, or cannot be written.
+        InputError: the folder holds other files and not this config.json, or cannot be written.
     """
     make_folder(folder)
     file = folder / CONFIG
@@ -243,17 +244,17 @@ def claim_folder(
             return found
         return {name: value for name, value in found.items() if name not in ignored}
 
-    if file.is_symlink() or file.exists():
-        try:
-            mine = deciding(read_json(file)) == deciding(json.loads(text))
-        except InputError:
-            mine = False
-        if mine:
-            return
-        if any(other.name not in (CONFIG, LOCK) for other in folder.iterdir()):
-            raise ParameterError(
-                "out", f"{folder} holds a run with other settings; choose another folder"
-            )
+    stored, mine = None, deciding(json.loads(text))
+    with suppress(InputError):
+        stored = deciding(read_json(file))
+    if stored == mine:
+        return
+    alike = isinstance(stored, dict) and stored.keys() == mine.keys()  # a run that left no more
+    replaced = (CONFIG, LOCK) if alike else (LOCK,)
+    if any(other.name not in replaced for other in folder.iterdir()):
+        raise ParameterError(
+            "out", f"{folder} holds a run with other settings, or other files; name a new folder"
+        )
     write_bytes(file, text.encode())
 
 

@@ -218,7 +218,7 @@ def test_commands_refuse_an_output_that_is_being_written(
 # Whose folder it is
 
 
-OTHER_RUN = "--out: {} holds a run with other settings; choose another folder"
+OTHER_RUN = "--out: {} holds a run with other settings, or other files; name a new folder"
 
 
 def test_train_refuses_the_folder_of_another_run_before_any_work(

@@ -84,6 +84,7 @@ REFUSED = [
         "naive, two_step, oorc, hidden_ratex, blind, phi, learned",
     ),
     ("evaluate", "--methods idol", f"method 'idol'; choose one of: {', '.join(DECODERS)}"),
+    ("evaluate", "--out many", "--out: many holds a run with other settings, or other files"),
     ("evaluate", "--kappas 5 0", "--kappas: need 1 to 64"),
     ("evaluate", "--frames 0", "--frames: need at least 1"),
     ("evaluate", "--jobs 0", "--jobs: need at least 1"),
