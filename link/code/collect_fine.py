@@ -161,7 +161,6 @@ class FineCollector:
         number = self._follow(number_likelihoods(frame.scores), count)
         if number is None:
             return
-        self._doubt_terms(ReadFrame(frame.scores, number))
         for read in self._number_waiting(number, count):
             self._learn_terms(read)
         if self._terms is None:
@@ -223,18 +222,13 @@ class FineCollector:
         self._heard = np.zeros(PIECES, bool)
         self._support = 0.0
 
-    def _doubt_terms(self, frame: ReadFrame) -> None:
-        """Forget the terms once frames contradict them."""
-        if self._terms is None:
-            return
-        self._support = min(0.0, self._support + max(frame.supports(self._terms), CONTRADICTS))
-        if self._support <= DOUBTFUL:
-            self._forget_terms()
-
     def _learn_terms(self, frame: ReadFrame) -> None:
-        """Add what a frame says about the terms, while they are unknown."""
+        """Add what a frame says about the terms, or hold it against them once they are known."""
         if self._terms is not None:
-            return
+            self._support = min(0.0, self._support + max(frame.supports(self._terms), CONTRADICTS))
+            if self._support > DOUBTFUL:
+                return
+            self._forget_terms()
         self._evidence[frame.pieces] *= TERMS_MEMORY
         self._evidence[frame.pieces] += frame.likelihoods
         self._heard[frame.pieces] = True

@@ -165,7 +165,6 @@ export class FineCollector {
     if (this.#waiting.length > MAX_WAITING) this.#waiting.shift();
     const number = this.#follow(numberLikelihoods(scores), count);
     if (number === null) return;
-    this.#doubtTerms(new ReadFrame(scores, number));
     for (const read of this.#numberWaiting(number, count)) this.#learnTerms(read);
     if (this.#terms === null) return;
     this.#numberWaiting(number, count);
@@ -261,24 +260,17 @@ export class FineCollector {
   }
 
   /**
-   * Forget the terms once frames contradict them.
-   *
-   * @param {ReadFrame} frame
-   */
-  #doubtTerms(frame) {
-    if (this.#terms === null) return;
-    const support = Math.max(frame.supports(this.#terms), CONTRADICTS);
-    this.#support = Math.min(0, this.#support + support);
-    if (this.#support <= DOUBTFUL) this.#forgetTerms();
-  }
-
-  /**
-   * Add what a frame says about the terms, while they are unknown.
+   * Add what a frame says about the terms, or hold it against them once they are known.
    *
    * @param {ReadFrame} frame
    */
   #learnTerms(frame) {
-    if (this.#terms !== null) return;
+    if (this.#terms !== null) {
+      const support = Math.max(frame.supports(this.#terms), CONTRADICTS);
+      this.#support = Math.min(0, this.#support + support);
+      if (this.#support > DOUBTFUL) return;
+      this.#forgetTerms();
+    }
     frame.pieces.forEach((piece, shown) => {
       const evidence = this.#evidence[piece];
       const more = frame.likelihoods[shown];
