@@ -20,7 +20,7 @@ from export.runtime import FORMAT, Decoder
 from link import __version__
 from link.cli import read_flags, run_cli
 from link.errors import InputError, ParameterError, at_least
-from link.images import temporary_name, write_bytes
+from link.images import replaced
 from link.layout import MAX_SIDE_PX, MIN_BLOCK_PX, make_layout, read_layout
 from link.outside import is_no_file
 from link.presets import PRESETS
@@ -228,18 +228,11 @@ def export_film(module: FilmDecoder, path: Path) -> Parity:
 
 def _write_checked(path: Path, data: bytes, compare: Callable[[Path], Parity]) -> Parity:
     """Write a model under a temporary name, and rename it if it agrees with torch."""
-    candidate = temporary_name(path)
-    write_bytes(candidate, data)
-    try:
+    with replaced(path) as candidate:
+        candidate.write_bytes(data)
         parity = compare(candidate)
         if not parity.holds:
             raise InputError(f"{path}: torch and onnxruntime disagree ({asdict(parity)})")
-        try:
-            candidate.replace(path)
-        except OSError as error:
-            raise InputError(f"{path}: cannot be written ({error.strerror})") from None
-    finally:
-        candidate.unlink(missing_ok=True)
     return parity
 
 

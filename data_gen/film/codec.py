@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 
 from data_gen.film.frame import VideoFrame
 from link.errors import InputError, ParameterError, choose
-from link.images import make_folder, temporary_name
-from link.outside import is_file
+from link.images import replaced
 
 try:
     import av
@@ -252,29 +251,22 @@ def write_film(
             full disk.
     """
     encoder = settings.encoder()
-    hidden = temporary_name(path.with_suffix(""))
-    temporary = hidden.with_name(hidden.name + path.suffix)  # which tells FFmpeg the kind
-    make_folder(path.parent)
-    try:
+    with (
+        replaced(path, path.suffix) as temporary,
         # an absolute name, because FFmpeg takes what stands before a colon for a protocol
-        with av.open(str(temporary.absolute()), "w") as container:
-            stream, start_s = None, 0.0
-            for frame in frames:
-                if stream is None:
-                    start_s = frame.time_s
-                    added = container.add_stream(encoder, rate=_rate(fps))
-                    stream = cast("av.VideoStream", added)
-                    _open(stream.codec_context, settings, fps, frame)
-                container.mux(stream.encode(_coded_frame(frame, settings, start_s)))
+        av.open(str(temporary.absolute()), "w") as container,
+    ):
+        stream, start_s = None, 0.0
+        for frame in frames:
             if stream is None:
-                raise InputError(f"{path}: no frame was filmed; film longer, or lose fewer")
-            container.mux(stream.encode(None))
-        temporary.replace(path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
-    finally:
-        if is_file(temporary):
-            temporary.unlink()
+                start_s = frame.time_s
+                added = container.add_stream(encoder, rate=_rate(fps))
+                stream = cast("av.VideoStream", added)
+                _open(stream.codec_context, settings, fps, frame)
+            container.mux(stream.encode(_coded_frame(frame, settings, start_s)))
+        if stream is None:
+            raise InputError(f"{path}: no frame was filmed; film longer, or lose fewer")
+        container.mux(stream.encode(None))
 
 
 def _rate(fps: float) -> Fraction:

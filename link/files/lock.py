@@ -28,7 +28,7 @@ except ModuleNotFoundError:
 
 LOCK = ".lock"
 """Name of the file in a folder that carries the lock of the process that writes there."""
-TEMPORARY = re.compile(r"\.(.+)\.(\d+)\.tmp(\.\w+)?")
+TEMPORARY = re.compile(r"\.(.+)\.(\d+)\.tmp(?:\.\w+)?")
 """Pattern of the names under which files are written before they are renamed."""
 PATIENCE_S = 0.5
 """Seconds to wait for the name of the process that holds a lock, before it is refused unnamed."""
@@ -176,7 +176,7 @@ def _remove_temporaries(folder: Path, file: str) -> None:
     for parent, folders, files in os.walk(folder):
         for name in (*folders, *files):
             match = TEMPORARY.fullmatch(name)
-            if match is None or (file and match[1] + (match[3] or "") not in (file, file[:50])):
+            if match is None or (file and match[1] not in (file, file[:50])):
                 continue  # `link.images.temporary_name` cuts long names
             if int(match[2]) != os.getpid() and _lives(int(match[2])):
                 continue  # it is being written below a folder whose lock was free

@@ -2,6 +2,8 @@
 
 import math
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
@@ -291,26 +293,39 @@ def write_image(path: Path | str, image: NDArray[np.uint8]) -> None:
 
 
 def write_bytes(path: Path | str, data: bytes) -> None:
-    """Write a file under a temporary name and rename it, so that a reader never sees half.
+    """Write a file as `replaced` does."""
+    with replaced(Path(path)) as temporary:
+        temporary.write_bytes(data)
+
+
+@contextmanager
+def replaced(path: Path, ending: str = "") -> Iterator[Path]:
+    """Lend a temporary name for a file, which gets its own name when the block ends.
+
+    So a reader never sees half a file. Nothing is left where the block fails. Where the name is a
+    symbolic link, the link stays, and the file to which it leads is written.
+
+    Args:
+        path: the file; its folder is made if it is not there.
+        ending: end of the temporary name, for libraries that take a file's kind from it.
 
     Raises:
         InputError: the folder cannot be made or written, or the name is that of a folder or device.
     """
-    path = Path(path)
-    temporary = temporary_name(path)
-    if is_no_file(path):
+    place = Path(os.path.realpath(path)) if os.path.islink(path) else path
+    temporary = temporary_name(place)
+    temporary = temporary.with_name(temporary.name + ending)
+    if is_no_file(place) or os.path.islink(place):
         raise InputError(f"{path}: is a folder or a device; name a file")
-    make_folder(path.parent)
+    make_folder(place.parent)
     try:
-        try:
-            temporary.write_bytes(data)
-            temporary.replace(path)
-        except BaseException:  # an interrupt, too, leaves nothing behind
-            if is_file(temporary):
-                temporary.unlink()
-            raise
+        yield temporary
+        temporary.replace(place)
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+    finally:  # an interrupt, too, leaves nothing behind
+        if is_file(temporary):
+            temporary.unlink()
 
 
 def temporary_name(path: Path) -> Path:

@@ -26,9 +26,8 @@ from link.images import (
     MIN_SIDE_PX,
     check_kind,
     check_pixels,
-    make_folder,
     pixel_limit,
-    temporary_name,
+    replaced,
 )
 from link.outside import is_file
 
@@ -271,33 +270,24 @@ def write_video(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> 
         InputError: odd width or height, a full disk, or this OpenCV cannot write or read the file
             bit for bit.
     """
-    name = temporary_name(path.with_suffix(""))
-    temporary = name.with_name(name.name + path.suffix)  # which tells OpenCV the kind
-    make_folder(path.parent)
     writer, sums = None, []
-    try:
-        for frame in frames:
-            height, width = frame.shape[:2]
-            if writer is None:
-                writer = _open_writer(temporary, width, height, fps)
-            writer.write(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
-            sums.append(zlib.crc32(frame.tobytes()))
-        if writer is not None:
-            writer.release()
+    with replaced(path, path.suffix) as temporary:
+        try:
+            for frame in frames:
+                height, width = frame.shape[:2]
+                if writer is None:
+                    writer = _open_writer(temporary, width, height, fps)
+                writer.write(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
+                sums.append(zlib.crc32(frame.tobytes()))
+        finally:
+            if writer is not None:
+                writer.release()
         if _sums_of(temporary) != sums:
             _try_space(temporary)
             raise InputError(
                 f"{path.suffix}: the installed OpenCV does not give {LOSSLESS} video back bit for "
                 "bit; write a folder of images or .html"
             )
-        temporary.replace(path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
-    finally:
-        if writer is not None:
-            writer.release()
-        if is_file(temporary):
-            temporary.unlink()
 
 
 def _try_space(path: Path) -> None:
