@@ -157,11 +157,9 @@ def main() -> None:
             bar.update()
 
     with locked(folder, truth.name if config.out.suffix else ""):
-        there = [truth, config.out] if config.out.suffix else [truth, *folder.glob("[0-9]*.png")]
-        for path in filter(Path.exists, there):
-            raise ParameterError("out", f"{path} is there already; choose another name")
+        there = [config.out] if config.out.suffix else folder.glob("[0-9]*.png")
         with (
-            written_together(folder, truth.name) as hidden,
+            written_together(folder, truth.name, there) as hidden,
             tqdm(total=int(seconds * settings.fps), unit="frame") as bar,  # errors begin a new line
         ):
             if not config.out.suffix:

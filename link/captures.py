@@ -45,10 +45,10 @@ def save_captures(folder: Path, captures: Iterator[Captured]) -> int:
         the number of frame pairs.
 
     Raises:
-        InputError: the folder cannot be written; no picture is left in it.
+        InputError: the folder holds captures, or cannot be written; no picture is added to it.
     """
     lines: list[str] = []
-    with written_together(folder, MANIFEST) as temporary:
+    with written_together(folder, MANIFEST, folder.glob("[0-9]*_*.png")) as temporary:
         for number, captured in enumerate(captures):
             names = [f"{number:05d}_{kind}.png" for kind in ("original", "embedded")]
             digest = hashlib.sha256()

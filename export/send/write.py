@@ -1,10 +1,8 @@
 """Write what a display shows, a loop of frame pairs, as a player, a video or a folder of images."""
 
-import contextlib
 import json
 import os
-import shutil
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +10,8 @@ from export.send.likeness import Likeness
 from export.send.player import with_bar, write_player
 from link.errors import InputError, ParameterError
 from link.files.lock import locked
-from link.images import MAX_NAME_BYTES, make_folder, temporary_name, write_bytes, write_image
+from link.files.together import lent_folder
+from link.images import MAX_NAME_BYTES, write_bytes, write_image
 from link.images.video import write_video
 from link.loop import Loop
 from link.types import Image
@@ -44,32 +43,6 @@ def output_kind(out: Path) -> str:
             "dot in its name",
         )
     return kind
-
-
-@contextlib.contextmanager
-def unfinished(out: Path) -> Iterator[Path]:
-    """Lend a new folder beside ``out``, which is renamed at the end, or removed on an error.
-
-    Raises:
-        InputError: a folder or a file in it cannot be written; names it by what it would be.
-    """
-    temporary = temporary_name(out)
-    make_folder(out.parent)
-    try:
-        make_folder(temporary)
-        yield temporary
-        if out.is_dir():
-            out.rmdir()
-        temporary.replace(out)
-    except OSError as error:
-        raise ParameterError("out", f"{out} cannot be written ({error.strerror})") from None
-    except InputError as error:
-        if str(temporary) not in str(error):
-            raise
-        raise InputError(str(error).replace(str(temporary), str(out))) from None
-    finally:
-        if temporary.is_dir():
-            shutil.rmtree(temporary)
 
 
 def write_states(folder: Path, states: Iterable[Image]) -> None:
@@ -126,7 +99,11 @@ def write_loop(
         elif kind:
             write_video(out, states, state_hz)
         else:
-            with unfinished(out) as folder:
+            place = Path(os.path.realpath(out))
+            with lent_folder(place, out) as folder:
                 write_states(folder, states)
                 write_bytes(folder / SENT, json.dumps(report(), indent=1).encode())
+                if place.is_dir():
+                    place.rmdir()
+                folder.replace(place)
     return report()

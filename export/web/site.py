@@ -6,6 +6,7 @@ pages need, such as the graphs of the decoders and tables of the presets, comes 
 
 import gzip
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -23,7 +24,9 @@ from export.web.demo import write_demo
 from export.web.tables import layout_table, send_preset
 from export.web.warm import SIZE_PX, draw_warm_film
 from link.errors import InputError, ParameterError
-from link.images import make_folder, temporary_name, write_bytes, write_image
+from link.files.lock import locked
+from link.files.together import lent_folder
+from link.images import write_bytes, write_image
 from link.presets import PRESETS
 from models import FILM_GRAPH, shipped_graphs
 
@@ -57,39 +60,37 @@ def build_site(out: Path) -> Site:
     """Build the page in a folder, in place of an older one that may be there.
 
     Args:
-        out: the folder; it is written under a temporary name and renamed when it is whole.
+        out: the folder, or a symbolic link to it; it is written under a temporary name and renamed
+            when it is whole.
 
     Raises:
-        InputError: Node.js is missing or fails, the folder holds something else, or it cannot be
-            written.
+        InputError: Node.js is missing or fails, the folder holds something else, cannot be
+            written, or another process writes it.
     """
-    there = {path.name for path in out.iterdir()} if out.is_dir() else set()
-    if out.is_symlink() or (out.exists() and not out.is_dir()) or (there and MARK not in there):
-        raise ParameterError("out", f"{out} is or holds something else; name a new folder")
-    install_packages()
-    write_constants()
-    make_folder(out.absolute().parent)
-    temporary = temporary_name(out.absolute())
-    old = temporary.with_suffix(".old")
-    try:
-        write_inputs(temporary)
-        run_node(["node", "build.mjs", str(temporary)])
-        site = measure_site(temporary)
-        if site.gzip_bytes > MAX_GZIP_BYTES:
-            raise InputError(
-                f"the site has {site.gzip_bytes} bytes after gzip, and a phone should load at most "
-                f"{MAX_GZIP_BYTES}; make its graphs or packages smaller"
-            )
-        if lost := there - {path.name for path in temporary.iterdir()}:
-            raise ParameterError("out", f"{out} has {min(lost)}, which is not of a site; move it")
-        if out.exists():
-            out.replace(old)
-        temporary.replace(out)
-    except OSError as error:
-        raise InputError(f"{out}: cannot be written ({error.strerror})") from None
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-        shutil.rmtree(old, ignore_errors=True)
+    place = Path(os.path.realpath(out))
+    with locked(place.parent, place.name):
+        there = {path.name for path in place.iterdir()} if place.is_dir() else set()
+        if (place.exists() and not place.is_dir()) or (there and MARK not in there):
+            raise ParameterError("out", f"{out} is or holds something else; name a new folder")
+        install_packages()
+        write_constants()
+        with lent_folder(place, out) as temporary:
+            write_inputs(temporary)
+            run_node(["node", "build.mjs", str(temporary)])
+            site = measure_site(temporary)
+            if site.gzip_bytes > MAX_GZIP_BYTES:
+                raise InputError(
+                    f"the site has {site.gzip_bytes} bytes after gzip, and a phone should load at "
+                    f"most {MAX_GZIP_BYTES}; make its graphs or packages smaller"
+                )
+            if lost := there - {path.name for path in temporary.iterdir()}:
+                said = f"{out} has {min(lost)}, which is not of a site; move it"
+                raise ParameterError("out", said)
+            old = temporary.with_suffix(".old")
+            if place.is_dir():
+                place.replace(old)
+            temporary.replace(place)
+            shutil.rmtree(old, ignore_errors=True)
     return site
 
 

@@ -78,13 +78,13 @@ NO_PROCESS = 2**31 - 1
 
 def test_one_file_of_a_folder_can_be_locked(tmp_path: Path) -> None:
     (tmp_path / f".other.mkv.{NO_PROCESS}.tmp").touch()
-    (tmp_path / f".film.{NO_PROCESS}.tmp.mkv").touch()
+    (tmp_path / f".film.mkv.{NO_PROCESS}.tmp.mkv").touch()
     with holder(tmp_path, "film.mkv") as (process, _):
         assert f"{tmp_path / 'film.mkv'}: process {process.pid}" in refused(tmp_path, "film.mkv")
         with locked(tmp_path, "other.mkv"):
             pass
     with locked(tmp_path, "film.mkv"):
-        assert not (tmp_path / f".film.{NO_PROCESS}.tmp.mkv").exists()
+        assert not (tmp_path / f".film.mkv.{NO_PROCESS}.tmp.mkv").exists()
     assert (tmp_path / f".other.mkv.{NO_PROCESS}.tmp").exists()
 
 

@@ -154,12 +154,15 @@ def test_files_that_never_end_are_none(tmp_path: Path) -> None:
 def test_what_is_no_file_is_not_replaced_by_one(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "device").symlink_to("/dev/null")
-    for name in ("pipe", "device", "."):
+    (tmp_path / "loop").symlink_to("loop")
+    for name in ("pipe", "device", "loop", "."):
         with pytest.raises(InputError, match="name a file"):
             write_bytes(tmp_path / name, b"message")
-    assert sorted(os.listdir(tmp_path)) == ["device", "pipe"]
-    write_bytes(tmp_path / "file", b"old")
-    write_bytes(tmp_path / "file", b"message")
+    assert sorted(os.listdir(tmp_path)) == ["device", "loop", "pipe"]
+    (tmp_path / "link").symlink_to("file")
+    write_bytes(tmp_path / "link", b"old")
+    write_bytes(tmp_path / "link", b"message")
+    assert (tmp_path / "link").is_symlink()
     assert (tmp_path / "file").read_bytes() == b"message"
 
 

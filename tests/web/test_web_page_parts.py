@@ -97,7 +97,7 @@ def test_a_folder_with_something_else_is_not_replaced(tmp_path):
 def test_a_site_to_which_somebody_added_a_file_is_not_replaced(tmp_path, monkeypatch):
     for name in ("install_packages", "write_constants"):
         monkeypatch.setattr(site, name, lambda: None)
-    monkeypatch.setattr(site, "write_inputs", lambda out: (out.mkdir(), (out / site.MARK).touch()))
+    monkeypatch.setattr(site, "write_inputs", lambda out: (out / site.MARK).touch())
     monkeypatch.setattr(site, "run_node", lambda words: "")
     out = tmp_path / "site"
     site.build_site(out)
