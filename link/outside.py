@@ -141,7 +141,7 @@ def _check_text(text: str, where: str) -> None:
     try:
         text.encode()
     except UnicodeEncodeError:
-        raise InputError(f"{where}: holds half of a character, {text!a:.60}") from None
+        raise InputError(f"{where}: holds half of a character, {text!a:.60}; use UTF-8") from None
 
 
 def is_file(path: Path) -> bool:

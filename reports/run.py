@@ -25,7 +25,7 @@ from pydantic import Field
 from link.errors import InputError, ParameterError
 from link.files.lock import LOCK
 from link.images import make_folder, write_bytes
-from link.outside import inside, is_file, read_json
+from link.outside import inside, is_file, parse_json, read_json
 from reports.engine.checked import Count, Number, checked
 from reports.engine.provenance import Machine, Making, commit, machine
 from reports.engine.records import read_predictions, to_lines, write_lines
@@ -244,7 +244,7 @@ def claim_folder(
             return found
         return {name: value for name, value in found.items() if name not in ignored}
 
-    stored, mine = None, deciding(json.loads(text))
+    stored, mine = None, deciding(parse_json(text, "a run's settings"))
     with suppress(InputError):
         stored = deciding(read_json(file))
     if stored == mine:

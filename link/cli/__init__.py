@@ -209,9 +209,14 @@ def _flag_as_given(name: str) -> str:
 
 
 def print_error(said: str) -> None:
-    """Print what is wrong on stderr, in one line whatever names of files hold."""
+    """Print what is wrong on stderr, in one line whatever names of files hold.
+
+    Characters that steer a terminal are escaped, and so are those that nobody sees.
+    """
+    said = " ".join(said.split())
+    line = "".join(sign if sign.isprintable() else ascii(sign)[1:-1] for sign in said)
     with suppress(OSError):  # nobody can be told; the status says it
-        print(f"error: {' '.join(said.split())}", file=sys.stderr, flush=True)
+        print(f"error: {line}", file=sys.stderr, flush=True)
 
 
 def _drop_output() -> None:

@@ -44,10 +44,10 @@ class Machine:
 
 
 def command() -> str:
-    """The command line, as one types it in the checkout."""
+    """The command line, as one types it in the checkout; what is not UTF-8 is escaped."""
     spec = getattr(sys.modules["__main__"], "__spec__", None)
     name = f"-m {spec.name.removesuffix('.__main__')}" if spec else Path(sys.argv[0]).name
-    return " ".join(["python", name, *sys.argv[1:]])
+    return " ".join(["python", name, *sys.argv[1:]]).encode(errors="backslashreplace").decode()
 
 
 def provenance(seed: int, simulated: bool) -> dict[str, Any]:

@@ -61,6 +61,11 @@ def test_what_the_system_refuses_is_one_line(
     assert message.count("\n") == 1
 
 
+def test_a_name_cannot_steer_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    said = printed(InputError("κ\x1b[31m\x07\n\udcff.png: gone"), capsys)
+    assert said == "error: κ\\x1b[31m\\x07 \\udcff.png: gone\n"
+
+
 def test_other_errors_of_libraries_are_not_hidden() -> None:
     def main() -> None:
         raise RuntimeError("a mistake of ours")
