@@ -6,6 +6,7 @@ A task that fails is reported, and the others go on.
 import asyncio
 import socket
 import sys
+import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
@@ -139,6 +140,7 @@ def _in_processes(
         except BrokenProcessPool:  # one process died, and all tasks under way are lost with it
             return
 
+    threading.excepthook = _report_thread
     waiting = set(range(len(items)))
     with parallel_config("loky", inner_max_num_threads=1):
         for outcome in finished(range(len(items)), jobs):
@@ -146,6 +148,13 @@ def _in_processes(
             yield outcome
         for index in sorted(waiting):  # each alone, in a process that is not this one
             yield next(finished([index], 2), Outcome(index, failure=DIED))
+
+
+def _report_thread(failed: threading.ExceptHookArgs) -> None:
+    """Print what ended a thread, except that loky's misses a task which an interrupt dropped."""
+    name = failed.thread.name if failed.thread else ""
+    if (failed.exc_type, name) != (KeyError, "ExecutorManagerThread"):
+        threading.__excepthook__(failed)
 
 
 def _on_cluster(
