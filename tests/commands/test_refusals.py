@@ -63,6 +63,7 @@ REFUSED = [
     ("data_gen", "--set bayer=2", "bayer: need true or false, such as"),
     ("data_gen", "--set gamma=[true,2,2]", "gamma must be 3 numbers"),
     ("data_gen", "--width 20", "need a frame of at least"),
+    ("data_gen", "--display-size 9000 600", "--display-size: a 9000x600 frame is larger than 8192"),
     ("data_gen", "--split dev", "train, test"),
     ("data_gen", "--pictures nowhere", "nowhere: no such folder"),
     ("data_gen", "--seed -1", "--seed"),
