@@ -125,14 +125,14 @@ def test_mutated_metadata_of_a_model_is_refused_or_harmless(tmp_path: Path, seed
 
 @pytest.mark.slow
 def test_the_fuzz_command_finds_nothing() -> None:
-    done = run_process(sys.executable, "-m", "tests.fuzz", "--cases", 40, "--seed", 1)
+    done = run_process(sys.executable, "-m", "tests.fuzz", "--cases", 20, "--seed", 1)
     assert len(json.loads(done.stdout.splitlines()[-1])["kinds"]) == 10
 
 
 @pytest.mark.slow
 def test_a_killed_command_ends_in_the_same_bytes() -> None:
     """One command for each kind of output; python -m tests.kills takes all, and kills oftener."""
-    names = ("film_mkv", "send_player", "send_folder")
+    names = ("film_mkv", "send_folder")
     words = ("--kills", 1, "--commands", *names)
     done = run_process(sys.executable, "-m", "tests.kills", *words, limit_s=600)
     for name, line in zip(names, done.stdout.splitlines(), strict=True):

@@ -18,8 +18,8 @@ from reports.render.tables import cell_tables
 from reports.score.accuracy import read_scores
 
 README = (ROOT / "README.md").read_text()
-CELL = "--views 45 --kappas 3 --pairs"
-"""Flags of `evaluate.py` for one cell of a camera-display pair."""
+FEW = "--quick --sweeps ratex --views 45 --kappas 3 --pairs"
+"""Flags of `evaluate.py` for one cell of a camera-display pair and one short sweep."""
 
 
 def shell_blocks() -> list[str]:
@@ -75,8 +75,8 @@ def test_the_commands_of_the_readme_run(tmp_path: Path) -> None:
     script = script.replace("runs/", f"{tmp_path}/")
     script = re.sub(r"--frames (10|5|3)\b", "--frames 1", script)
     for said, run in (
-        ("--pairs canon-lg nikon-samsung --views 0 45 --kappas 5 3", f"--quick {CELL} canon-lg"),
-        ("--pairs sony-lg", f"{CELL} sony-lg"),
+        ("--pairs canon-lg nikon-samsung --views 0 45 --kappas 5 3", f"{FEW} canon-lg"),
+        ("--pairs sony-lg", f"{FEW} sony-lg"),
         ("to_onnx --layout", f"to_onnx {tmp_path}/plain --parity-frames 1 --layout"),
     ):
         assert script.count(said) == 1

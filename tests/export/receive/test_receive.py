@@ -13,6 +13,7 @@ from streams import Stream, events_of, states_of, write_film
 
 import export.receive.__main__ as receive_cli
 from export.receive.inbox import Inbox
+from export.receive.reading import reader
 from export.receive.reading.reader import PAIRS_A_FRAME
 from export.receive.receiver import Receiver, as_uint8
 from export.receive.sources import open_source
@@ -224,15 +225,16 @@ def test_times_that_stand_still_fill_no_memory() -> None:
 
 
 @pytest.mark.slow
-def test_memory_is_bounded(decoder: Decoder) -> None:
+def test_memory_is_bounded(decoder: Decoder, monkeypatch: pytest.MonkeyPatch) -> None:
     """A display that shows one state for ever fills no buffer without end."""
+    monkeypatch.setattr(reader, "BUFFER", 40)
     rng = np.random.default_rng(0)
     still = states_of(TEXT, LAYOUT, rng)[:1]
     receiver = Receiver(decoder)
-    image = next(Stream().frames(still, 1, rng))[1]
-    for number in range(300):
+    image = next(SMALL.frames(still, 1, rng))[1]
+    for number in range(60):
         assert receiver.push(image, number / 30).message is None
-    assert len(receiver._reader._buffer) <= 256
+    assert len(receiver._reader._buffer) == 40
     assert receiver.decoded == 0
 
 
@@ -293,8 +295,8 @@ def test_a_video_that_breaks_off_is_an_error_for_the_sender_and_a_warning_for_th
     write_video(tmp_path / "whole.avi", noise, 30)
     whole = (tmp_path / "whole.avi").read_bytes()
     (tmp_path / "cut.avi").write_bytes(whole[: len(whole) // 3])
-    reader = VideoReader(tmp_path / "whole.avi")
-    assert (reader.fps, len(list(reader.frames())), reader.broken_off) == (30, 60, None)
+    whole_film = VideoReader(tmp_path / "whole.avi")
+    assert (whole_film.fps, len(list(whole_film.frames())), whole_film.broken_off) == (30, 60, None)
     with pytest.raises(InputError, match="breaks off after") as error:
         list(read_video(tmp_path / "cut.avi"))
     received = list(open_source(str(tmp_path / "cut.avi")).frames)

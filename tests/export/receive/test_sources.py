@@ -253,7 +253,8 @@ def test_a_recording_of_the_screen_is_read() -> None:
 @pytest.mark.slow
 def test_missing_and_repeated_frames_cost_nothing(tmp_path: Path) -> None:
     states = states_of(TEXT, LAYOUT, np.random.default_rng(5))
-    film = [f[1] for f in Stream(noise=1.5).frames(states, 4, np.random.default_rng(2))]
+    stream, rng = Stream(noise=1.5, size=(320, 240)), np.random.default_rng(2)
+    film = [image for _, image, _ in stream.frames(states, 4, rng)]
     struck = range(22, 120, 16)  # one in twenty
     every = list(range(len(film)))
     kept = [number for number in every if number not in struck]
