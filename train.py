@@ -31,6 +31,7 @@ from models.neural.training import (
     LAYOUTS,
     LayoutKind,
     Start,
+    check_rate,
     initial_decoder,
     training_step,
 )
@@ -122,8 +123,7 @@ def check_training(config: TrainConfig) -> None:
     at_least(len(LAYOUTS[config.layouts]), episodes=config.episodes)
     at_least(1, rounds=config.rounds, steps=config.steps, batch=config.batch)
     at_least(1, frames=config.frames, jobs=config.jobs)
-    if not 0 < config.lr < 10:
-        raise ParameterError("lr", f"need more than 0 and less than 10, got {config.lr:g}")
+    check_rate(config.lr)
     if config.device == "cuda" and not torch.cuda.is_available():
         raise ParameterError("device", "torch finds no GPU here; choose cpu")
 

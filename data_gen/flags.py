@@ -96,7 +96,8 @@ class SourceFlags(LayoutFlags):
 
         Raises:
             InputError: the layout is impossible, the display too small for it or too large, the
-                seed negative, or a setting is not written as name=value. Names and values of the channel are checked by `Source.pair`.
+                seed negative, or a setting is not written as name=value. Names and values of the
+                channel are checked by `Source.pair`.
         """
         at_least(0, seed=self.seed)
         layout = self.layout()

@@ -29,14 +29,16 @@ from lab.films.rates import SETTINGS
 from lab.films.trial import Take, film_message
 from lab.study import Workshop
 from link.cli import read_flags, run_cli
-from link.errors import at_least
+from link.errors import InputError, ParameterError, at_least
 from link.files.lock import locked
 from link.images import write_bytes
 from link.layout import Layout
+from link.outside import is_file, is_no_file
 from link.types import Array
 from models import FILM_GRAPH
 from models.neural.checkpoint import save_checkpoint, training_settings
 from models.neural.film import FilmDecoder
+from models.neural.training import check_rate
 from reports.engine.backends import Backend, one_thread
 
 TRAINED = ("hidden", "faint", "slow camera", "slanted", "fast", "robust")
@@ -71,7 +73,7 @@ class TrainFilmConfig:
     out: Path = Path("runs/film")
     """Folder of the windows, of the checkpoint and of the log."""
     graph: Path = FILM_GRAPH
-    """The .onnx file that is written."""
+    """The .onnx file that is written; decoder.pt and config.json are written beside it."""
 
 
 class Recorder:
@@ -213,6 +215,9 @@ def fit_constants(
 
     Returns:
         the log, an entry a step.
+
+    Raises:
+        InputError: the loss is not finite.
     """
     optimiser = torch.optim.Adam(module.parameters(), lr=config.lr)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, config.steps)
@@ -225,7 +230,7 @@ def fit_constants(
         for at in chosen:
             loss = loss_of(module, files[at]) / len(chosen)
             if not torch.isfinite(loss):
-                raise FloatingPointError(f"the loss of {files[at]} is not finite")
+                raise InputError(f"the loss of {files[at]} is not finite; lower --lr")
             loss.backward()  # type: ignore[no-untyped-call]
             total += loss.item()
         torch.nn.utils.clip_grad_norm_(module.parameters(), 1.0)
@@ -235,15 +240,28 @@ def fit_constants(
     return log
 
 
+def check_graph(graph: Path) -> None:
+    """Raise a `ParameterError` where the graph and its checkpoint would replace something else."""
+    if graph.suffix != ".onnx" or is_no_file(graph):
+        raise ParameterError("graph", f"need a file that ends in .onnx, got {graph}")
+    if is_file(graph.with_name("config.json")) and not is_file(graph):
+        said = f"{graph.parent} holds the config.json of something else; name a new folder"
+        raise ParameterError("graph", said)
+
+
 def main() -> None:
     """Film, train, export."""
     config = read_flags(lambda: tyro.cli(TrainFilmConfig))
     at_least(1, films=config.films, steps=config.steps, batch=config.batch, jobs=config.jobs)
-    with locked(config.out):
+    check_rate(config.lr)
+    check_graph(config.graph)
+    with locked(config.out), locked(config.graph.parent):
         items = recordings(config)
         models = sorted({item.take.model for item in items.values()})
         found = Workshop(config.out, Backend(config.jobs)).each(record, items, models)
         files = [config.out / "windows" / name for names in found.values() for name in names]
+        if not files:
+            raise InputError("no film shows its message clearly; film more with --seconds, --films")
         module = FilmDecoder()
         log = fit_constants(module, files, config)
         text = "".join(json.dumps(entry) + "\n" for entry in log)

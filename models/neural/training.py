@@ -81,6 +81,12 @@ def initial_decoder(layout: Layout, config: DecoderConfig, start: Start) -> PhiD
     return module
 
 
+def check_rate(lr: float) -> None:
+    """Raise a `ParameterError` where a learning rate is out of its range."""
+    if not 0 < lr < 10:
+        raise ParameterError("lr", f"need more than 0 and less than 10, got {lr:g}")
+
+
 def training_step(
     module: PhiDecoder,
     optimiser: torch.optim.Optimizer,
