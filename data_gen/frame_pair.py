@@ -189,7 +189,9 @@ class FramePair:
         )
         shown = replace(shown, original=original, embedded=embedded, layout=self._display_layout)
         captured = capture_through(shots, shown, self.cell.view_deg, rng)
-        corners = source.placement.grid_corners(captured.corners, self.layout)
+        corners = captured.corners
+        if source.placement.turns(self.layout):  # the grid lies where the picture stands
+            corners = np.roll(corners, 1, axis=0)
         meta = {
             "picture": self.picture.name,
             "seed": source.seed,

@@ -138,7 +138,9 @@ def main() -> None:
         if name == "table":
             measure_table(config)
         else:
-            run_step(name)
+            done = subprocess.run([sys.executable, "-m", *shlex.split(STEPS[name])], check=False)
+            if done.returncode != 0:
+                raise InputError(f"step {name}: python -m {STEPS[name]} failed, as said above")
     for name in STUDIES:
         study = find_study(name)
         if stored_results(study, study.folder(DOCS)):
@@ -147,17 +149,6 @@ def main() -> None:
         replace_block(block.page, marker, block.render(DOCS))
     pages = dict.fromkeys(str(block.page) for block in BLOCKS.values())
     print(f"written: {', '.join(pages)}")
-
-
-def run_step(name: str) -> None:
-    """Run a step's command.
-
-    Raises:
-        InputError: the command failed.
-    """
-    done = subprocess.run([sys.executable, "-m", *shlex.split(STEPS[name])], check=False)
-    if done.returncode != 0:
-        raise InputError(f"step {name}: python -m {STEPS[name]} failed, as said above")
 
 
 def measure_table(config: ReadmeConfig) -> None:

@@ -125,15 +125,6 @@ class Results(Generic[R]):
     """What was measured."""
 
 
-def no_check(flags: StudyFlags) -> None:
-    """Accept flags that need no other check than those of every study."""
-
-
-def no_pictures(results: Mapping[str, Results[Any]]) -> Mapping[str, Figure]:
-    """Draw nothing."""
-    return {}
-
-
 @dataclass(frozen=True)
 class Tables:
     """Content of studies whose numbers nothing but their tables needs."""
@@ -168,9 +159,9 @@ class Study(Generic[F, R]):
     """Shows results, by their label, as Markdown: texts by the name of a page's marked block."""
     page: Path | None = None
     """Page of docs/ that has these blocks; None where no page shows them."""
-    pictures: Callable[[Mapping[str, Results[R]]], Mapping[str, Figure]] = no_pictures
+    pictures: Callable[[Mapping[str, Results[R]]], Mapping[str, Figure]] = lambda _: {}
     """Draws results, by their label: figures by the names of their files, which are PNG."""
-    check: Callable[[F], None] = no_check
+    check: Callable[[F], None] = lambda _: None
     """Raises an `InputError` that names the first flag with a wrong value, before any work."""
     label: Callable[[F], str] | None = None
     """Tells apart results of one study under other flags; without it, a study has one result, whose

@@ -122,16 +122,6 @@ OTHERS = (
 """Settings that the table lists beside the presets."""
 
 
-def check_seconds(seconds: float) -> None:
-    """Check the length of random messages whose visibility is computed.
-
-    Raises:
-        ParameterError: it is below 1 s or above an hour.
-    """
-    if not 1 <= seconds <= 3600:
-        raise ParameterError("seconds", f"need 1 to 3600 s, got {seconds:g}")
-
-
 def preset_table(seed: int, seconds: float, others: Sequence[Preset] = OTHERS) -> Table:
     """Tabulate how visible random messages of the presets, and of other settings, are."""
     rows = []
@@ -203,7 +193,8 @@ def square_wave_table() -> Table:
 
 def check_visibility(flags: VisibilityFlags) -> None:
     """Raise an `InputError` that names the first flag with a wrong value."""
-    check_seconds(flags.seconds)
+    if not 1 <= flags.seconds <= 3600:
+        raise ParameterError("seconds", f"need 1 to 3600 s, got {flags.seconds:g}")
     if not flags.limit > 0:
         raise ParameterError("limit", f"need a number above 0, got {flags.limit}")
 

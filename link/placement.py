@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from link.errors import InputError, choose
 from link.images import fit_picture
 from link.layout import Layout
-from link.types import Corners, Image
+from link.types import Image
 
 FITS = {
     "contain": "the whole picture, as large as it fits; what is left of the display is black",
@@ -146,15 +146,6 @@ class Placement:
             how = cv2.INTER_AREA if averaged else cv2.INTER_LINEAR
             shown = np.asarray(cv2.resize(picture, (width, height), interpolation=how), np.uint8)
         return np.ascontiguousarray(np.rot90(shown, -1)) if self.turns(layout) else shown
-
-    def grid_corners(self, corners: Corners, layout: Layout) -> Corners:
-        """Put the corners of the shown picture into the order in which the grid has them.
-
-        Args:
-            corners: of the picture, top-left first, as `link.types.Corners` says.
-            layout: grid whose width and height are the size at which receivers work.
-        """
-        return np.roll(corners, 1, axis=0) if self.turns(layout) else corners
 
     def display_frame(self, frame: Image, layout: Layout) -> Image:
         """Lay a frame of the grid on the display, with black beside it where the picture ends.

@@ -75,7 +75,8 @@ def moire_gain(
         phase = np.float32(columns) * X - np.float32(n * native / spacing) * x
         start = np.angle(stripes[c]) - np.pi * n * OFFSET[c]
         wave = np.cos(np.float32(2 * np.pi) * phase + np.float32(start))
-        gain[:, :, c] += cv2.resize(amplitude, _padded(size))[:height, :width] * wave
+        fine = cv2.resize(amplitude, None, fx=COARSE_PX, fy=COARSE_PX)
+        gain[:, :, c] += fine[:height, :width] * wave
     return gain
 
 
@@ -83,11 +84,6 @@ def _display_column(h: Light, x: Light, y: Light) -> tuple[Light, Light]:
     """Return the display column at each captured pixel and its divisor, (len(y), len(x)) each."""
     w = h[2, 0] * x + (h[2, 1] * y + h[2, 2])[:, None]
     return (h[0, 0] * x + (h[0, 1] * y + h[0, 2])[:, None]) / w, w
-
-
-def _padded(size: tuple[int, int]) -> tuple[int, int]:
-    """Round a size up to whole steps."""
-    return -(-size[0] // COARSE_PX) * COARSE_PX, -(-size[1] // COARSE_PX) * COARSE_PX
 
 
 def _gauss(frequency: Light, sigma: float) -> Light:

@@ -98,7 +98,9 @@ class Stabiliser:
         self._H_image_from_copy = resized_homography(x, y)
         room = np.zeros((0, 1, 2), np.float32)
         if picture is not None:
-            around = _around(self.on_copy(picture), self._reference.shape)
+            pixels = np.indices(self._reference.shape, np.float32)
+            far = _outside(self.on_copy(picture), pixels[1], pixels[0]) >= APART_PX
+            around = np.where(far, 255, 0).astype(np.uint8)
             room = _clear_points(self._reference, 1, CLEAR, around)
         if len(room) >= ROOM_POINTS:
             self._points, self._far_apart = room, False
@@ -169,17 +171,6 @@ class Stabiliser:
     def on_image(self, points: Array) -> Array:
         """Move (N, 2) points from the copy to the image."""
         return np.asarray(cv2.perspectiveTransform(points[:, None], self._H_image_from_copy)[:, 0])
-
-
-def _around(quad: Array, shape: tuple[int, int]) -> Gray:
-    """Mark by 255 the pixels (h, w) that lie `APART_PX` or more outside of a convex quadrilateral.
-
-    Args:
-        quad: (4, 2) corners, clockwise.
-        shape: height and width.
-    """
-    y, x = np.indices(shape, np.float32)
-    return np.where(_outside(quad, x, y) >= APART_PX, 255, 0).astype(np.uint8)
 
 
 def _outside(quad: Array, x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -50,12 +50,8 @@ def find_glance(
     """
     by_method = {standing.method: standing for standing in ranked}
     best = leaders(run.records, run.swept)
+    hidden = {m for m in best if not run.from_folder and m in DECODERS and DECODERS[m].equalised}
     return Glance(
-        [Winner(by_method[m], undecided(run, m, ranked), is_hidden(run, m)) for m in best],
+        [Winner(by_method[m], undecided(run, m, ranked), m in hidden) for m in best],
         worst_points(swept, best[0]),
     )
-
-
-def is_hidden(run: Run, method: str) -> bool:
-    """Whether a method of a run was shown equalised pictures without ratex patches."""
-    return not run.from_folder and method in DECODERS and DECODERS[method].equalised

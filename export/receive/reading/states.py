@@ -106,7 +106,10 @@ def compose_state(
         chosen = share >= limit
         if not chosen.any():
             continue
-        rows = _rows_reached(chosen, height)
+        # points count as far as those beside them; states often are put together from bands of rows
+        points = np.flatnonzero(chosen.any(axis=1))
+        first, last = (points[0] - 0.5) * height / MESH, (points[-1] + 1.5) * height / MESH
+        rows = slice(max(0, int(first) - 1), min(height, int(np.ceil(last)) + 1))
         mesh = chosen.astype(np.float32)
         weight = cv2.resize(mesh, (width, height), interpolation=cv2.INTER_LINEAR)[rows]
         pixels = frame.rectified[rows]
@@ -120,22 +123,6 @@ def compose_state(
 def unseen_state(other: DisplayState | None) -> DisplayState | None:
     """Stand in for a state that no frame holds, beside one that some hold: nothing is pure."""
     return other and DisplayState(other.image, np.zeros((MESH, MESH)), 0)
-
-
-def _rows_reached(chosen: NDArray[np.bool_], height: int) -> slice:
-    """Find the rows of an image in which some of the chosen points of the mesh count.
-
-    Points count as far as the points beside them, so rows farther from all of them do not. Display
-    states often are put together from a few bands of rows, because camera rows are exposed one
-    after the other.
-
-    Args:
-        chosen: (MESH, MESH), true somewhere.
-        height: height of the image, pixels.
-    """
-    points = np.flatnonzero(chosen.any(axis=1))
-    first, last = (points[0] - 0.5) * height / MESH, (points[-1] + 1.5) * height / MESH
-    return slice(max(0, int(first) - 1), min(height, int(np.ceil(last)) + 1))
 
 
 def _like(image: NDArray[np.generic], weights: NDArray[np.float32]) -> NDArray[np.float32]:
