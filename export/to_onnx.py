@@ -20,6 +20,7 @@ from export.runtime import FORMAT, Decoder
 from link import __version__
 from link.cli import read_flags, run_cli
 from link.errors import InputError, ParameterError, at_least
+from link.files.lock import locked
 from link.images import replaced
 from link.layout import MAX_SIDE_PX, MIN_BLOCK_PX, make_layout, read_layout
 from link.outside import is_no_file
@@ -263,7 +264,8 @@ def main() -> None:
     if is_no_file(path):
         raise ParameterError("out", f"{path} is a folder or a device; name a file")
     module, training = load_checkpoint(run, layout), read_config(run).get("train")
-    parity = export(module, path, run.name, config.parity_frames, training)
+    with locked(path.parent, path.name):
+        parity = export(module, path, run.name, config.parity_frames, training)
     print(json.dumps({"model": str(path), **asdict(parity)}))
 
 

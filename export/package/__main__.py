@@ -12,6 +12,7 @@ from export.package.npm import write_npm_package
 from export.package.schema import events_schema
 from export.package.wheel import write_wheel
 from link.cli import read_flags, run_cli
+from link.files.lock import locked
 from link.images import write_bytes
 
 
@@ -24,12 +25,13 @@ def main() -> None:
     )
     args = read_flags(parser.parse_args)
     schema = args.out / "events.schema.json"
-    write_bytes(schema, json.dumps(events_schema(), indent=1).encode())
     files = [schema]
-    if args.only != "npm":
-        files.append(write_wheel(args.out))
-    if args.only != "wheel":
-        files.append(write_npm_package(args.out))
+    with locked(args.out):
+        write_bytes(schema, json.dumps(events_schema(), indent=1).encode())
+        if args.only != "npm":
+            files.append(write_wheel(args.out))
+        if args.only != "wheel":
+            files.append(write_npm_package(args.out))
     sizes = {file.name: file.stat().st_size for file in files}
     print(json.dumps({"out": str(args.out), "files": sizes}))
 

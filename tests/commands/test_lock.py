@@ -204,6 +204,9 @@ EVALUATE = "--pairs canon-lg --frames 1 --jobs 1 --views 0 --kappas 5 --methods 
     ("export.send.__main__", SEND, "sent.html", "sent.html"),
     ("export.send.__main__", SEND, "sent.mkv", "sent.mkv"),
     ("export.send.__main__", SEND, "sent", "sent"),
+    ("export.package.__main__", "--only wheel", "packed", ""),
+    ("export.to_onnx", "", "decoder.onnx", "decoder.onnx"),
+    ("export.web.__main__", "", "site", "site"),
 )
 def test_commands_refuse_an_output_that_is_being_written(
     module: str, words: str, out: str, lock: str, tmp_path: Path, refuses: Refuses
