@@ -4,20 +4,17 @@ import json
 import re
 import shutil
 import struct
-import subprocess
-import sys
 import tarfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 import av
 import cv2
 import numpy as np
 import pytest
-from conftest import ROOT
+from pilot_films import TEXT, robust_film
 from web_films import gray, limited, write_film
 
 from export.web.site import WEB
@@ -30,10 +27,9 @@ from lab.films.browser import (
     serve_folder,
     text_of,
 )
-from lab.films.y4m import read_y4m, write_y4m
+from lab.films.y4m import write_y4m
 from link.code.authenticate import sign
 from link.code.framing import encode
-from link.images import image_files, read_image
 from link.loop import Loop
 from link.presets import PRESETS
 
@@ -199,21 +195,6 @@ def test_a_link_can_be_opened_and_says_where_it_leads(browser, short_film) -> No
         assert "noopener" in link.get_attribute("rel")
 
 
-@pytest.mark.parametrize("stale", [False, True])
-def test_a_refused_message_is_not_shown(stale, browser, short_film) -> None:
-    """Nor is it forgotten when the film ends."""
-    refused = arrived("secret", refused="the tag does not fit", stale=stale)
-    says = "A stale message was refused" if stale else "A message was refused"
-    ended = {"last": True, "preset": "paper"}
-    with open_page(browser, worker=answering({}, refused, *[{}] * 38, ended)) as page:
-        page.goto(short_film)
-        wait_for(page, lambda: text_of(page, "status") == says)
-        assert text_of(page, "advice") == "The tag does not fit."
-        assert text_of(page, "message") == ""
-        wait_for(page, lambda: page.locator("#start").is_visible())
-        assert text_of(page, "status") == says
-
-
 UNSEEN = {
     "a bell\u0007": "cannot be seen or",
     "\u0000\u0001\t": "its bytes are 00 01 09",
@@ -341,12 +322,13 @@ def test_every_control_has_a_name_and_the_tab_key_reaches_it(browser, short_film
             assert name.strip()
 
 
-@pytest.mark.parametrize("width", [320, 390, 1280])
-def test_nothing_is_wider_than_the_window(width, browser, short_film) -> None:
+def test_nothing_is_wider_than_the_window(browser, short_film) -> None:
     long = "https://example.org/" + "a" * 500
-    with received(browser, short_film, long, width=width, height=800) as page:
+    with received(browser, short_film, long) as page:
         page.locator("summary").click()
-        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        for width in (320, 390, 1280):
+            page.set_viewport_size({"width": width, "height": 800})
+            assert page.evaluate("document.documentElement.scrollWidth") <= width
 
 
 # The real worker
@@ -360,50 +342,18 @@ def test_a_phone_loads_no_more_than_promised(site) -> None:
     assert all(name in worker for name in files - {"serviceWorker.js"})
 
 
-@dataclass(frozen=True)
-class Shown:
-    """What a display shows to the camera of a test, and how it is filmed."""
-
-    preset: str
-    message: str
-    seconds: int
-
-
-FILMS = {
-    "paper": Shown("paper", "Hello", 4),
-    "robust": Shown("robust", "A robust message", 3),
-}
-"""Films of 30 frames a second of displays that show 15 states a second."""
-
-
-@pytest.fixture(scope="module")
-def film_at(make_once):
-    """Make a film for Chromium's camera, full range, once a session."""
-
-    def fill(folder: Path, shown: Shown) -> None:
-        flags = {
-            "preset": shown.preset,
-            "view": 0,
-            "kappa": 3,
-            "message": shown.message,
-            "seconds": shown.seconds,
-            "fps": 30,
-            "state-hz": 15,
-        }
-        given = [word for name, value in flags.items() for word in (f"--{name}", str(value))]
-        command = [sys.executable, "-m", "data_gen.video", "--pair", "canon-lg", *given]
-        command += ["--size", "640", "480", "--out", str(folder / "frames")]
-        subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
-        with (folder / "film.y4m").open("wb") as stream:
-            write_y4m(
-                stream, (gray(read_image(path)) for path in image_files(folder / "frames")), 30
-            )
-
-    def make(name: str) -> Path:
-        folder = make_once(f"film_{name}", lambda f: fill(f, FILMS[name]))
-        return folder / "film.y4m"
-
-    return make
+def toggling(message: bytes, count: int, *, signed: bool = False) -> list[np.ndarray]:
+    """Frames, 30 a second, of a display at rest: the preset paper, 15 states a second."""
+    layout, rng = PRESETS["paper"].layout, np.random.default_rng(0)
+    picture = cv2.resize(rng.uniform(60, 200, (7, 9, 3)), (layout.width, layout.height))
+    bits = encode(message, layout.n_bits, signed=signed)
+    loop = Loop(layout, 5, bits, lambda: iter([picture.astype(np.uint8)]))
+    states = [cv2.copyMakeBorder(gray(s), 48, 48, 64, 64, 0, value=15) for s in loop.states()]
+    noisy = [
+        np.clip(states[k // 2 % len(states)] + rng.normal(0, 1, states[0].shape), 0, 255)
+        for k in range(count)
+    ]
+    return [frame.astype(np.uint8) for frame in noisy]
 
 
 ONES = (1 << 16, 1 << 16, 1 << 30) * 3
@@ -422,14 +372,14 @@ def turn_upright(film: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def reader(browser, address, film_at):
+def reader(browser, address):
     """The page with its own worker, at the address of a film whose name says nothing of its kind.
 
     It must have no errors, and ask nothing of anybody else.
     """
     url, folder = address
     film = folder / "film.mp4"
-    write_film(film, list(read_y4m(film_at("paper"))))
+    write_film(film, toggling(b"Hello", 120))
     turn_upright(film)
     film.rename(folder / "coded")
     with open_page(browser, width=1280) as page:
@@ -442,7 +392,7 @@ def reader(browser, address, film_at):
 def test_the_message_of_a_film_at_an_address_is_shown(reader) -> None:
     """No frame is lost, however slow the machine."""
     wait_for(reader, lambda: text_of(reader, "message"), 2 * PATIENCE_S)
-    assert text_of(reader, "message") == FILMS["paper"].message
+    assert text_of(reader, "message") == "Hello"
     assert "480 × 640 pixels, 30.0 frames a second" in text_of(reader, "details")
     assert " 0 skipped" in text_of(reader, "details")
 
@@ -512,8 +462,10 @@ def test_a_camera_that_sees_no_display_keeps_looking(browser, address) -> None:
         assert text_of(page, "status") == "Looking for the display"
 
 
-def test_what_the_camera_sees_is_read_and_can_be_saved(browser, address, film_at, tmp_path) -> None:
-    film = film_at("robust")
+def test_what_the_camera_sees_is_read_and_can_be_saved(browser, address, tmp_path) -> None:
+    film = tmp_path / "robust.y4m"
+    with film.open("wb") as stream:
+        write_y4m(stream, robust_film(90)[0], 30)
     with open_page(browser, camera_flags(film)) as page:
         page.goto(address[0])
         wait_for(page, lambda: page.evaluate("!document.getElementById('record').disabled"))
@@ -522,7 +474,7 @@ def test_what_the_camera_sees_is_read_and_can_be_saved(browser, address, film_at
             page.get_by_role("button", name="Save what the camera sees").click()
         download.value.save_as(tmp_path / "saved.tar")
         wait_for(page, lambda: text_of(page, "message"), 2 * PATIENCE_S)
-        assert text_of(page, "message") == FILMS["robust"].message
+        assert text_of(page, "message") == TEXT.decode()
         assert text_of(page, "status") == "Message received"
     with tarfile.open(tmp_path / "saved.tar") as archive:
         archive.extractall(tmp_path, filter="data")
@@ -541,17 +493,8 @@ def test_only_messages_with_the_key_are_shown(reader, tmp_path) -> None:
     (tmp_path / "key").write_bytes(bytes(range(32)))
     (tmp_path / "other").write_bytes(bytes(32))
     (tmp_path / "short").write_bytes(bytes(3))
-    layout = PRESETS["paper"].layout
-    bits = encode(sign(b"Hi", bytes(range(32)), 7), layout.n_bits, signed=True)
-    rng = np.random.default_rng(0)
-    picture = cv2.resize(rng.uniform(60, 200, (7, 9, 3)), (layout.width, layout.height))
-    loop = Loop(layout, 5, bits, lambda: iter([picture.astype(np.uint8)]))
-    states = [cv2.copyMakeBorder(gray(s), 48, 48, 64, 64, 0, value=15) for s in loop.states()]
-    noisy = [
-        np.clip(states[k // 2 % len(states)] + rng.normal(0, 1, states[0].shape), 0, 255)
-        for k in range(150)
-    ]
-    write_film(tmp_path / "film.mkv", [frame.astype(np.uint8) for frame in noisy])
+    message = sign(b"Hi", bytes(range(32)), 7)
+    write_film(tmp_path / "film.mkv", toggling(message, 150, signed=True))
     reader.locator("summary").click()
     age = reader.get_by_label("largest age of a message")
     assert age.is_disabled()  # only a message with a key has an age
@@ -562,7 +505,8 @@ def test_only_messages_with_the_key_are_shown(reader, tmp_path) -> None:
     assert text_of(reader, "seal") == "It is signed, not checked: that needs its key."
     reader.locator("#key").set_input_files(tmp_path / "other")
     wait_for(reader, lambda: text_of(reader, "status") == "A message was refused")
-    assert "tag does not fit" in text_of(reader, "advice")
+    assert text_of(reader, "advice").startswith("The tag does not fit; made without")
+    assert text_of(reader, "message") == ""
     reader.locator("#key").set_input_files(tmp_path / "key")
     wait_for(reader, lambda: text_of(reader, "message") == "Hi")
     assert text_of(reader, "seal") == "It was sent with your key; stamp 7."
