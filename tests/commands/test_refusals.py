@@ -199,6 +199,7 @@ REFUSED = [
     ("receive film", "--threads 0", "--threads: need at least 1"),
 ]
 BEGAN = [
+    ("data_gen", "--out taken", "00000_original.png is there already; choose another name"),
     ("data_gen", "--pyramid-level 9", "--pyramid-level: 9 does not fit"),
     ("mp4", "--size 161 96", "h264: need an even width and height, got 161"),
     slow("evaluate", "--run nowhere --out {claimed}", "nowhere/config.json: not found"),
@@ -220,6 +221,7 @@ def inputs(captured: Captured, tmp_path_factory: pytest.TempPathFactory) -> Path
     write_image(folder / "narrow.png", captured.embedded[:, :-100])
     (folder / "none").mkdir()
     (folder / "none" / "notes.txt").write_text("no image")
+    (folder / "taken" / "00000_original.png").mkdir(parents=True)
     (folder / "text.png").write_text("no image")
     (folder / "text.mp4").write_text("no video")
     (folder / "empty.txt").write_bytes(b"")

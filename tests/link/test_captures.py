@@ -1,5 +1,4 @@
 import json
-import os
 import struct
 import sys
 import zlib
@@ -370,13 +369,6 @@ def test_writing_makes_folders_replaces_and_leaves_no_other_file(tmp_path: Path)
         write_bytes(path, content)
         assert path.read_bytes() == content
         assert [p for p in tmp_path.rglob("*") if p.is_file()] == [path]
-
-
-def test_saved_captures_replace_nothing(tmp_path: Path) -> None:
-    (tmp_path / "00000_original.png").mkdir()
-    with pytest.raises(InputError, match=r"00000_original\.png is there already; choose another"):
-        save_captures(tmp_path, iter([KNOWN]))
-    assert os.listdir(tmp_path) == ["00000_original.png"]
 
 
 def test_saved_captures_leave_no_other_file(folder: Path) -> None:
