@@ -16,7 +16,7 @@ from lab.films.delivery import deliveries
 from lab.films.trial import MAX_LOOPS, Delivery, FilmSettings, check_filmed, check_settings
 from lab.study import Results, Study, StudyFlags, Workshop
 from link.code.framing import frames_needed
-from link.errors import at_least, choose, each_once
+from link.errors import ParameterError, at_least, choose, each_once
 from link.presets import PRESETS
 from reports.render.tables import Table, percent, share_interval
 from reports.score.intervals import wilson
@@ -157,6 +157,8 @@ def _outcome(runs: pd.DataFrame) -> list[str]:
 def check_today(flags: TodayFlags) -> None:
     """Raise an `InputError` that names the first flag with a wrong value."""
     at_least(1, runs=flags.runs)
+    if not 0 < flags.seconds <= 60:
+        raise ParameterError("seconds", f"need more than 0 and at most 60, got {flags.seconds:g}")
     each_once(settings=flags.settings, without=flags.without)
     check_filmed(flags.pairs, flags.views)
     for effect in flags.without:
