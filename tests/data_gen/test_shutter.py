@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from tolerances import FLOAT32, FLOAT64, PHASE_MEAN
 
@@ -45,13 +45,6 @@ def test_gain_counts_the_pulses_that_the_shutter_sees(
     assert pwm_gain(display, camera, ROWS, phase)[row] == pytest.approx(expected, abs=1e-4)
 
 
-def test_gain_agrees_with_the_integral_of_the_square_wave() -> None:
-    display, camera = backlight(180.0, 0.6), shutter(1 / 125, 0.015)
-    for row, gain in enumerate(pwm_gain(display, camera, ROWS, 0.3)):
-        t = 0.3 / 180 + row / ROWS * 0.015 + (np.arange(100_000) + 0.5) / 100_000 / 125
-        assert gain == pytest.approx(float(np.mean(t * 180 % 1 < 0.6)) / 0.6, abs=1e-4)
-
-
 @given(st.integers(1, 10), duty, phase, st.floats(1e-3, 0.03), readout_s)
 def test_whole_periods_give_even_light(
     periods: int, duty: float, phase: float, open_s: float, readout: float
@@ -62,6 +55,7 @@ def test_whole_periods_give_even_light(
 
 
 @pytest.mark.slow
+@settings(max_examples=30)
 @given(hz, duty, depth, shutter_s, readout_s)
 def test_the_mean_over_phases_is_one(
     hz: float, duty: float, depth: float, open_s: float, readout: float

@@ -371,11 +371,6 @@ def test_writing_makes_folders_replaces_and_leaves_no_other_file(tmp_path: Path)
         assert [p for p in tmp_path.rglob("*") if p.is_file()] == [path]
 
 
-def test_saved_captures_leave_no_other_file(folder: Path) -> None:
-    names = {f"0000{n}_{kind}.png" for n in (0, 1) for kind in ("original", "embedded")}
-    assert {path.name for path in folder.iterdir()} == {*names, MANIFEST}
-
-
 @pytest.mark.parametrize("suffix", [".png", ".jpg"])
 @pytest.mark.parametrize("more", [b"\0" * 100_000, b"\xff\xd8\xff\xe0 notes", b"\n"])
 def test_an_image_file_may_go_on_after_its_end(tmp_path: Path, suffix: str, more: bytes) -> None:

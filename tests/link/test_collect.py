@@ -104,7 +104,7 @@ def test_a_message_that_is_shown_on_is_returned_once(again: str) -> None:
     assert [message.data for _, message in came] == [b"one and the same"]
 
 
-DISTURBED_LOOPS = 100
+DISTURBED_LOOPS = 50
 """Number of loops of each kind in which nothing but disturbances happen."""
 
 

@@ -89,20 +89,6 @@ def test_bits_come_back_from_a_gray_picture(
 
 
 @pytest.mark.parametrize("channels", [(), (3,)], ids=["gray", "colour"])
-@pytest.mark.parametrize("kappa", [1, 5, 64])
-def test_plain_blocks_of_bit_1_gain_exactly_kappa(
-    layout: Layout, kappa: int, channels: tuple[int, ...]
-) -> None:
-    bits = random_bits(layout)
-    displayed = embed(noise(layout, *channels), bits, layout, kappa)
-    change = displayed.embedded.astype(int) - displayed.original
-    inside = message_pixels(layout)
-    expected = kappa * message_mask(bits, layout)[inside]
-    for plane in change.reshape(layout.height, layout.width, -1).transpose(2, 0, 1):
-        np.testing.assert_array_equal(plane[inside], expected)
-
-
-@pytest.mark.parametrize("channels", [(), (3,)], ids=["gray", "colour"])
 def test_ratex_tiles_toggle_by_their_own_kappa_and_blocks_by_the_messages(
     layout: Layout, channels: tuple[int, ...]
 ) -> None:
@@ -139,13 +125,6 @@ def test_no_message_pixel_leaves_the_displays_range(layout: Layout, level: int, 
     for frame in (displayed.original, displayed.embedded):
         assert frame[inside].min() >= BOTTOM
         assert frame[inside].max() <= TOP
-
-
-def test_head_room_maps_black_and_white_to_the_ends() -> None:
-    ramp = np.arange(256, dtype=np.uint8)
-    shown = with_head_room(ramp, 5).astype(int)
-    assert (shown[0], shown[-1]) == (BOTTOM, TOP - 5)
-    assert (np.diff(shown) >= 0).all()
 
 
 # Antipodal blocks and pilots
@@ -278,7 +257,7 @@ def test_pilots_of_on_off_blocks_change_as_bits_do() -> None:
 
 @channels_both
 @pytest.mark.parametrize("level", [0, 2])
-@pytest.mark.parametrize("kappa", [1, 3, 5])
+@pytest.mark.parametrize("kappa", [1, 5, 64])
 def test_on_off_frames_are_those_of_the_papers_formula(
     kappa: int, level: int, channels: tuple[int, ...]
 ) -> None:

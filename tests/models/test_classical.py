@@ -251,13 +251,6 @@ def test_a_fixed_threshold_reads_a_curved_pair_and_fails_where_it_does_not_fit(
     assert errors(name, pair, bits, threshold=50 * threshold) == bits.sum()
 
 
-def test_ratex_toggles_of_their_own_kappa_calibrate_two_step() -> None:
-    pair = step_pair(CHANGES, 20)
-    g = fit_inverse_response(pair, training_pixels(pair.layout, 20), degree=4)
-    i = np.linspace(0, 1, 50)
-    np.testing.assert_allclose(g(i), 255 * i, rtol=0, atol=255 * FLOAT32)
-
-
 def test_the_paper_threshold_reads_hidden_ratex_through_a_linear_cdtf() -> None:
     pair, bits = make_pair(lambda i: i, hidden=True)
     assert errors("hidden_ratex", pair, bits, threshold="constant") == 0
@@ -351,13 +344,6 @@ def test_oorc_finds_an_increasing_inverse_of_a_gamma_cdtf(gamma: float) -> None:
     assert np.corrcoef(g, displayed)[0, 1] > 0.98
 
 
-def test_two_step_finds_what_the_display_showed() -> None:
-    pair, _ = make_pair(lambda i: i)
-    g = fit_inverse_response(pair, training_pixels(pair.layout, KAPPA), degree=4)
-    i = np.linspace(0, 1, 50)
-    np.testing.assert_allclose(g(i), 255 * i, rtol=0, atol=255 * FLOAT32)
-
-
 def test_the_head_scores_as_the_decoder_does() -> None:
     pair, _ = make_pair()
     soft = make_decoder("oorc").decode(pair)
@@ -428,10 +414,6 @@ def test_methods_that_train_on_patches_refuse_a_layout_without(name: str) -> Non
     assert not DECODERS[name].equalised
     with pytest.raises(InputError, match=r"ratex patches.*layout has none"):
         make_decoder(name).decode(pair)
-
-
-def test_hidden_ratex_wants_no_patches() -> None:
-    assert DECODERS["hidden_ratex"].equalised
 
 
 @cases(("two_step", {}), ("hidden_ratex", {"threshold": "constant"}))
