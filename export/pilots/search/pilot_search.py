@@ -174,16 +174,7 @@ class PilotSearch:
                 yield None
             seen = len(watch.frames)
             count = seen + watch.window // 4
-            for number, edge in enumerate(edges):
-                proposer.glance(edge, seen)
-                if number % GLANCES == GLANCES - 1:
-                    yield None
-            evidence, proposal = max(
-                map(proposer.glance, edges), key=lambda each: each[0], default=(0.0, None)
-            )
-            if proposal is None or evidence <= PROMISING:
-                continue
-            if found := (yield from self._weigh_and_settle(proposal, watch)):
+            if found := (yield from self._glance(edges, proposer, watch, seen)):
                 return found
         faint = proposer.faint_edges()
         yield None
@@ -205,10 +196,19 @@ class PilotSearch:
         left = [quads[number] for number in ranked if id(quads[number]) not in tried]
         return (yield from self._fit(left, proposer, watch))
 
-    def _glance(self, quads: Sequence[Array], proposer: Proposer, watch: Watch) -> Search:
-        """Glance at quadrilaterals (4, 2) of the reference, and settle those that are promising."""
+    def _glance(
+        self, quads: Sequence[Array], proposer: Proposer, watch: Watch, count: int | None = None
+    ) -> Search:
+        """Glance at quadrilaterals, and settle each that is promising.
+
+        Args:
+            quads: (4, 2) pixels of the reference frame each, the likeliest first.
+            proposer: glances at them.
+            watch: the film.
+            count: as `Watch.places` takes it.
+        """
         for number, quad in enumerate(quads):
-            evidence, proposal = proposer.glance(quad)
+            evidence, proposal = proposer.glance(quad, count)
             if evidence > PROMISING and (
                 found := (yield from self._weigh_and_settle(proposal, watch))
             ):

@@ -190,12 +190,7 @@ export class PilotSearch {
     for (let count = 2 * quarter, seen = 0; seen < watch.window; count = seen + quarter) {
       while (watch.frames.length < Math.min(count, watch.window)) yield NEXT_FRAME;
       seen = watch.frames.length;
-      /** @type {Glance[]} */
-      const glances = [];
-      for (const quad of edges) glances.push(yield* proposer.glanceSteps(quad, seen));
-      const [surest] = glances.sort((one, other) => other.evidence - one.evidence);
-      if (!(surest?.evidence > PROMISING)) continue;
-      const found = yield* this.#weighAndSettle(surest.proposal, watch);
+      const found = yield* this.#glance(edges, proposer, watch, seen);
       if (found !== null) return found;
     }
     const faint = yield* proposer.faintEdges();
@@ -221,15 +216,16 @@ export class PilotSearch {
   }
 
   /**
-   * Glance at quadrilaterals by all frames, and settle each that is promising.
+   * Glance at quadrilaterals, and settle each that is promising.
    *
-   * @param {Point[][]} quads
+   * @param {Point[][]} quads - the likeliest first
    * @param {Proposer} proposer
    * @param {Watch} watch
+   * @param {number | null} [count] - as `Watch.places` takes it
    */
-  *#glance(quads, proposer, watch) {
+  *#glance(quads, proposer, watch, count = null) {
     for (const quad of quads) {
-      const { evidence, proposal } = yield* proposer.glanceSteps(quad);
+      const { evidence, proposal } = yield* proposer.glanceSteps(quad, count);
       if (!(evidence > PROMISING)) continue;
       const found = yield* this.#weighAndSettle(proposal, watch);
       if (found !== null) return found;
