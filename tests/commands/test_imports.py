@@ -14,11 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ROOT, Finished, run_process
-from tolerances import ONNX_SCORE
 
-from export.runtime import Decoder
 from link.frames import Rectified
-from models import DECODERS, PRETRAINED, make_decoder
+from models import DECODERS, make_decoder
 
 MAY_IMPORT = {
     "link": {"link"},
@@ -224,27 +222,6 @@ def frames(rectified: Rectified, tmp_path_factory: pytest.TempPathFactory) -> li
 @pytest.mark.parametrize("name", LAB_ONLY)
 def test_the_block_blocks(name: str) -> None:
     assert f"{name} is blocked" in run_without([name], f"import {name}", status=1).stderr
-
-
-DECODE_WITH_RUNTIME = """
-import json
-import numpy as np
-from export.runtime import Decoder
-soft = Decoder(sys.argv[1]).decode(np.load(sys.argv[2]), np.load(sys.argv[3]))
-print(json.dumps([soft.bits.tolist(), soft.scores.tolist()]))
-"""
-
-
-@pytest.mark.slow
-def test_the_runtime_decodes_with_numpy_opencv_and_onnxruntime_alone(
-    rectified: Rectified, frames: list[Path]
-) -> None:
-    model = PRETRAINED / "decoder.onnx"
-    result = run_without(LAB_ONLY, DECODE_WITH_RUNTIME, model, *frames)
-    bits, scores = json.loads(result.stdout)
-    expected = Decoder(model).decode(rectified.original, rectified.embedded)
-    assert bits == expected.bits.tolist()
-    np.testing.assert_allclose(scores, expected.scores, rtol=0, atol=ONNX_SCORE)
 
 
 DECODE_WITH_METHODS = """

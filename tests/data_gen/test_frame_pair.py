@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 from conftest import cases
-from joblib import Parallel, delayed
 
 from data_gen import frame_pair
 from data_gen.effects import EFFECTS, switch_off, with_parameter
@@ -46,14 +45,6 @@ def test_cells_do_not_depend_on_the_order(layout: Layout) -> None:
     there = [filmed(source, cell, index) for cell in (FRONTAL, OBLIQUE) for index in (0, 1)]
     back = [filmed(source, cell, index) for cell in (OBLIQUE, FRONTAL) for index in (1, 0)]
     assert all(same(a, b) for a, b in zip(there, reversed(back), strict=True))
-
-
-@pytest.mark.slow
-def test_cells_do_not_depend_on_the_process(layout: Layout) -> None:
-    calls = [(Source(layout), cell, index) for cell in (FRONTAL, OBLIQUE) for index in (1, 0)]
-    here = [filmed(*call) for call in calls]
-    elsewhere = Parallel(n_jobs=2)(delayed(filmed)(*call) for call in calls)
-    assert all(same(a, b) for a, b in zip(here, elsewhere, strict=True))
 
 
 @cases(

@@ -341,18 +341,6 @@ def after_refreshes(page: Page, gaps: list[float]) -> list[Image]:
     )
 
 
-def test_each_refresh_shows_the_next_state(
-    open_window: OpenWindow, player: Path, small: Loop
-) -> None:
-    page = open_window(120, 80)
-    at_display(page, player, 60, state_hz=60)
-    sent = list(small.states())
-    assert page.evaluate("[player.hold, player.rate, player.kept]") == [1, pytest.approx(60), True]
-    shown = after_refreshes(page, [1000 / 60] * (2 * len(sent) - 1))
-    assert_shown(shown, [*sent[1:], *sent])
-    assert page.evaluate("stats.dropped") == 0
-
-
 def test_a_late_refresh_is_told_and_the_states_keep_time(
     open_window: OpenWindow, player: Path, small: Loop
 ) -> None:

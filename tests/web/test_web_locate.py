@@ -185,7 +185,7 @@ def test_covered_and_dark_displays_are_found(port: Port) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("corner", range(4))
+@pytest.mark.parametrize("corner", [0, 3])
 def test_a_display_is_found_of_which_a_corner_is_out_of_view(port: Port, corner: int) -> None:
     out = with_corner_out(corner)
     compare(port, film_gray(scene(content(LAYOUT), out)), out)

@@ -5,19 +5,15 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 import pytest
-from conftest import slow
 from pilot_films import FINE, MOVING_OUTLINE, OTHER, BlockMeans, filmed, moving_picture
 
 import export.receive.tracking.pilots as pilots_module
 from export.locate.candidates import display_candidates
-from export.pilots.search.pilot_search import PilotSearch
 from export.pilots.search.toggle_map import ToggleMap
 from export.pilots.stabilise import WIDTH, Stabiliser
 from export.receive.receiver import Receiver
 from export.receive.timing.synchronise import MIN_FRAMES
 from export.receive.tracking.pilots import CHECK_EVERY, PATIENCE, PilotTracker
-from link.errors import InputError
-from link.layout import make_layout
 from link.presets import PRESETS
 from link.types import Array, Image
 
@@ -182,14 +178,6 @@ def test_a_display_that_the_room_loses_is_followed_by_its_picture_next(film: Fil
     assert not tracker._search.picture_moves
 
 
-@pytest.mark.slow
-def test_a_display_that_is_gone_is_lost(film: Film) -> None:
-    images, _ = film
-    tracker = PilotTracker([FINE], FPS)
-    assert found_in(tracker, images) is not None
-    assert tracker.follow(np.full_like(images[0], 60), len(images) / FPS) is None
-
-
 def test_the_pilots_are_looked_at_with_patience(monkeypatch: pytest.MonkeyPatch) -> None:
     """Some looks without evidence are borne, one with evidence makes good for them."""
     tracker = PilotTracker([OTHER], FPS)
@@ -202,11 +190,6 @@ def test_the_pilots_are_looked_at_with_patience(monkeypatch: pytest.MonkeyPatch)
     # too few frames have been watched at the time of the first look
     assert looks.tolist() == [True, True, True, True, True, True, True, False]
     assert still.index(False) == 8 * CHECK_EVERY - 1
-
-
-def test_layouts_need_pilots() -> None:
-    with pytest.raises(InputError, match="pilots"):
-        PilotTracker([make_layout()], 30.0)
 
 
 # odd frames
@@ -245,12 +228,6 @@ def test_odd_frames_hold_no_display(kind: str) -> None:
         assert (step.tracked, step.pairs, step.message) == (None, [], None)
     assert receiver.finish().pairs == []
     assert receiver.found == sum(decoder.pairs for decoder in decoders) == 0
-
-
-@pytest.mark.parametrize("kind", ["black", "tiny", *map(slow, ("gray", "sizes", "noise"))])
-def test_a_search_survives_odd_frames(kind: str) -> None:
-    search = PilotSearch([OTHER], 30.0)
-    assert all(search.push(ODD[kind](number), number / 30) is None for number in range(26))
 
 
 @pytest.mark.parametrize(

@@ -71,7 +71,6 @@ def listen(
     slow(Stream(state_hz=10.07, readout=0.0)),
     slow(Stream(state_hz=29.8, fps=60, shutter=1 / 120)),
     slow(Stream(state_hz=30.2, readout=0.025, shutter=1 / 100)),
-    slow(Stream(turn=1)),
     slow(Stream(turn=2, readout=0.02)),
     ids=lambda s: f"{s.state_hz}Hz_{s.fps:.0f}fps_turn{s.turn}",
 )
