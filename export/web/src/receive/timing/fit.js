@@ -138,31 +138,25 @@ export class ToggleWindow {
         Math.cos((Math.PI * term * (time - times[0])) / Math.max(this.#span, 1e-9)),
       ),
     );
-    /** Standard deviation (P,) of the toggles of each place, gray levels. */
-    this.deviation = new Float64Array(P);
     for (let place = 0; place < P; place++) {
-      const [from, to] = [place * n, (place + 1) * n];
-      let [count, total] = [0, 0];
-      for (let at = from; at < to; at++) count += seen[at];
-      if (count < MIN_SEEN) {
-        seen.fill(0, from, to);
-        count = 0;
-      }
-      for (let at = from; at < to; at++) if (seen[at]) total += values[at];
-      const mean = total / Math.max(count, 1);
-      for (let at = from; at < to; at++) values[at] = seen[at] ? values[at] - mean : 0;
-      this.#count[place] = count;
-      this.deviation[place] = Math.sqrt(squares(values, from, to) / Math.max(count, 1));
+      const own = seen.subarray(place * n, (place + 1) * n);
+      const count = own.reduce((sum, one) => sum + one, 0);
+      if (count < MIN_SEEN) own.fill(0);
+      this.#count[place] = count < MIN_SEEN ? 0 : count;
     }
-    this.#values = values;
+    this.#values = this.#centre(values.map((value, at) => (seen[at] ? value : 0)));
+    /** Standard deviation (P,) of the toggles of each place, gray levels. */
+    this.deviation = this.#ofPlaces((from, to, place) =>
+      Math.sqrt(squares(this.#values, from, to) / Math.max(this.#count[place], 1)),
+    );
     const whole = { now: Float64Array.from(seen), back: new Float64Array(P * n) };
     this.#plain = driftBasis(this.#drift, whole);
     this.#free = this.#count.map((count) => Math.max(count - terms - 1, 1));
     this.#room = Array.from({ length: MOVED }, () => new Float64Array(P * n));
-    const without = (this.#without = this.#noiseOf(values.slice()));
+    const without = (this.#without = this.#noiseOf(this.#values.slice()));
     this.#factors = whole;
     this.#basis = this.#plain;
-    this.#scale2 = this.#x = values; // until the noise is set
+    this.#scale2 = this.#x = this.#values; // until the noise is set
     this.#setNoise(without);
     this.#leftWithout = this.#scale2.map(
       (scale2, place) => scale2 * squares(this.#x, place * n, (place + 1) * n),
