@@ -54,35 +54,11 @@ def inside(frame: VideoFrame) -> Array:
     return np.asarray(frame.rgb[top:bottom, left:right, 1], np.float64)
 
 
-def test_an_exposure_within_one_state_holds_that_state() -> None:
-    first, weights = state_shares(np.array([0.21, 0.25]), 0.02, 10.0)
-    assert first == 2
-    assert weights.tolist() == [[1.0, 1.0]]
-
-
-def test_a_change_in_mid_exposure_is_half_and_half() -> None:
-    first, weights = state_shares(np.array([0.09]), 0.02, 10.0)
-    assert first == 0
-    np.testing.assert_allclose(weights, [[0.5], [0.5]], atol=FLOAT64)
-
-
-def test_a_long_exposure_holds_three_states() -> None:
-    first, weights = state_shares(np.array([0.05]), 0.25, 10.0)
-    assert first == 0
-    np.testing.assert_allclose(weights[:, 0], [0.2, 0.4, 0.4], atol=FLOAT64)
-
-
 def test_rows_of_a_rolling_shutter_pass_from_one_state_to_the_next() -> None:
     opens = 0.08 + np.array([0.0, 0.005, 0.01, 0.015, 0.02])
     first, weights = state_shares(opens, 0.01, 10.0)
     assert first == 0
     np.testing.assert_allclose(weights[0], [1, 1, 1, 0.5, 0], atol=1e-9)
-
-
-def test_a_slow_panel_keeps_some_of_the_state_before() -> None:
-    first, weights = state_shares(np.array([0.1]), 0.01, 10.0, response_s=0.01)
-    assert first + len(weights) == 2
-    np.testing.assert_allclose(weights[-2], 1 - np.exp(-1), atol=1e-4)  # mean of exp(-t) to t = 1
 
 
 @given(

@@ -209,23 +209,13 @@ def damages(file: Path) -> Iterator[tuple[tuple[Any, ...], Any, bytes]]:
             yield path, new, "\n".join(lines).encode()
 
 
-@pytest.mark.parametrize("name", [slow(name) for name in JSON])
+@pytest.mark.parametrize("name", SOME)
 def test_many_places_of_every_file_may_hold_anything(
     shown: Callable[..., bool], good: Path, name: str
 ) -> None:
     """Some 40 cases a file, drawn evenly; all of them, 3,510, take many minutes."""
     cases = list(damages(good / name))
     for path, new, data in cases[:: max(1, len(cases) // 40)]:
-        shown(lambda folder, data=data: (folder / name).write_bytes(data), (name, path, new))
-
-
-@pytest.mark.parametrize("name", QUICK)
-def test_places_of_some_files_may_hold_anything(
-    shown: Callable[..., bool], good: Path, name: str
-) -> None:
-    """A few of the cases of the slow test, drawn evenly."""
-    cases = list(damages(good / name))
-    for path, new, data in cases[len(name) :: max(1, len(cases) // 12)]:
         shown(lambda folder, data=data: (folder / name).write_bytes(data), (name, path, new))
 
 

@@ -197,14 +197,12 @@ def test_a_link_can_be_opened_and_says_where_it_leads(browser, short_film) -> No
 
 UNSEEN = {
     "a bell\u0007": "cannot be seen or",
-    "\u0000\u0001\t": "its bytes are 00 01 09",
-    "\u202egpj.exe": "turn the direction",
     "\u05e9\u05dc\u05d5\u05dd": "",
     "long " * 13_000: "",
 }
 
 
-@pytest.mark.parametrize("text", UNSEEN, ids=["bell", "bytes", "turned", "hebrew", "long"])
+@pytest.mark.parametrize("text", UNSEEN, ids=["bell", "hebrew", "long"])
 def test_what_cannot_be_seen_in_a_message_is_said(text, browser, short_film) -> None:
     with received(browser, short_film, text) as page:
         assert text_of(page, "message") == text
