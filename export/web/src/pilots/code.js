@@ -124,7 +124,10 @@ export class CodeSearch {
         const start = slope * count + first;
         const power = this.#powers.data.subarray(start, start + this.#steps).fill(1e-9);
         for (const signs of this.#within[AXES[slope]]) {
-          addTurned(power, this.#energy, first, later[at++], signs.filter(Boolean).length);
+          const [turn, places] = [later[at++], signs.filter(Boolean).length];
+          for (let phase = 0; phase < this.#steps; phase++) {
+            power[phase] += places * this.#energy[first + ((phase + turn) % this.#steps)];
+          }
         }
       }
     }
@@ -304,23 +307,6 @@ function rowsOf(series) {
   const rows = floatPlane(series[0].length, series.length);
   series.forEach((values, i) => rows.data.set(values, i * rows.width));
   return rows;
-}
-
-/**
- * Add the values of a rate's phases, which come again, from one of them on.
- *
- * @param {Float32Array} sum - (phases,) is added to
- * @param {Float32Array} values - (H,)
- * @param {number} first - where the phases of the rate begin
- * @param {number} later - the phase, from 0 on, that is added to the first
- * @param {number} times - how often they are added
- */
-function addTurned(sum, values, first, later, times) {
-  const left = sum.length - later;
-  for (let phase = 0; phase < left; phase++) sum[phase] += times * values[first + later + phase];
-  for (let phase = left; phase < sum.length; phase++) {
-    sum[phase] += times * values[first + phase - left];
-  }
 }
 
 /**

@@ -110,7 +110,7 @@ function copyNearest(images, kind, unseen, layout) {
     const bestCol = best % cols;
     const target = boxOf(layout, row, col);
     const source = boxOf(layout, (best - bestCol) / cols, bestCol);
-    for (const image of images) copyBox(image, source, target);
+    for (const image of images) mixBoxes(image, source, source, 0, target);
   }
 }
 
@@ -137,25 +137,6 @@ function nearestInRows(seen, rows, cols) {
     }
   }
   return nearest;
-}
-
-/**
- * Copy the pixels of a box to another one; sizes of boxes may differ by a pixel.
- *
- * @param {BytePlane} image - changed
- * @param {Box} source
- * @param {Box} target
- */
-function copyBox({ width, data }, source, target) {
-  const tall = target.bottom - target.top;
-  const wide = target.right - target.left;
-  for (let y = 0; y < tall; y++) {
-    const fromY = source.top + Math.floor((y * (source.bottom - source.top)) / tall);
-    for (let x = 0; x < wide; x++) {
-      const fromX = source.left + Math.floor((x * (source.right - source.left)) / wide);
-      data[(target.top + y) * width + target.left + x] = data[fromY * width + fromX];
-    }
-  }
 }
 
 /**

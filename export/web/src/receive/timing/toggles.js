@@ -23,32 +23,6 @@ export const { PARTS, LEAST_VARIANCE } = receiveTimingToggles;
  * }} Toggles
  */
 
-/**
- * Measure how much brighter tiles of label 1 are than their twins of label 0, in each patch.
- *
- * No change of exposure can mimic this, because both tiles of a pair of twins show the same
- * intensity.
- *
- * @param {BytePlane} frame - rectified
- * @param {Layout} layout - with at least one patch
- * @returns {Float64Array} (patches,) in displayed gray levels, as the patch's own contrast tells;
- *   NaN where something covers the patch
- */
-export function patchToggles(frame, layout) {
-  const { captured, shown, label, correlation } = matchPatches(frame, layout);
-  const tiles = captured.length / correlation.length;
-  return correlation.map((like, patch) => {
-    if (!(like > CLEAR_MATCH)) return NaN;
-    let [both, drawn, toggled] = [0, 0, 0];
-    for (let at = patch * tiles; at < (patch + 1) * tiles; at++) {
-      both += captured[at] * shown[at];
-      drawn += shown[at] ** 2;
-      toggled += captured[at] * (2 * label[at] - 1);
-    }
-    return (2 * toggled) / tiles / (both / drawn);
-  });
-}
-
 /** Toggles of the ratex patches. */
 export class PatchToggles {
   /** @param {Layout} layout - with at least one patch */
@@ -61,12 +35,28 @@ export class PatchToggles {
   }
 
   /**
-   * Measure the (patches,) toggles in a rectified frame; NaN where a patch is unseen.
+   * Measure how much brighter tiles of label 1 are than their twins of label 0, in each patch.
+   *
+   * No change of exposure can mimic this, because both tiles of a pair of twins show the same
+   * intensity.
    *
    * @param {BytePlane} rectified
+   * @returns {Float64Array} (patches,) in displayed gray levels, as the patch's own contrast tells;
+   *   NaN where something covers the patch
    */
   measure(rectified) {
-    return patchToggles(rectified, this.layout);
+    const { captured, shown, label, correlation } = matchPatches(rectified, this.layout);
+    const tiles = captured.length / correlation.length;
+    return correlation.map((like, patch) => {
+      if (!(like > CLEAR_MATCH)) return NaN;
+      let [both, drawn, toggled] = [0, 0, 0];
+      for (let at = patch * tiles; at < (patch + 1) * tiles; at++) {
+        both += captured[at] * shown[at];
+        drawn += shown[at] ** 2;
+        toggled += captured[at] * (2 * label[at] - 1);
+      }
+      return (2 * toggled) / tiles / (both / drawn);
+    });
   }
 
   /**
