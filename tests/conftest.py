@@ -154,6 +154,7 @@ def run_folder(make_once: MakeOnce) -> Path:
         import train  # seconds, which most tests need not wait for
 
         with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("reports.evaluation.trained.PARITY_FRAMES", 6)  # test_export has others
             patch.setattr("sys.argv", ["train.py", *TINY, "--out", str(folder)])
             train.main()
 
