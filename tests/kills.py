@@ -39,8 +39,8 @@ from tests.forked import Ended, run_forked
 ROOT = Path(__file__).parents[1]
 GRID = "--rows 4 --cols 4 --width 256 --height 192"
 FILM = "--message hi --seconds 0.5 --size 160 120"
-SEND = "{root}/docs/tutorial.png --message hello --preset paper "
-SEND += "--rows 5 --cols 6 --ratex 2 --width 120 --height 80"
+SEND = "{root}/docs/ablation.png --message hello --preset paper "
+SEND += "--rows 5 --cols 6 --ratex 2 --width 120 --height 80 --size 240x160"
 COMMANDS = {
     "train": ("train", "--episodes 2 --rounds 3 --steps 2 --batch 4 --frames 1 --jobs 1"),
     "evaluate": (

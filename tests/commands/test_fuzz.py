@@ -132,7 +132,7 @@ def test_the_fuzz_command_finds_nothing() -> None:
 @pytest.mark.slow
 def test_a_killed_command_ends_in_the_same_bytes() -> None:
     """One command for each kind of output; python -m tests.kills takes all, and kills oftener."""
-    names = ("film_mkv", "send_folder")
+    names = ("film_mkv", "send_player", "send_folder")
     words = ("--kills", 1, "--commands", *names)
     done = run_process(sys.executable, "-m", "tests.kills", *words, limit_s=600)
     for name, line in zip(names, done.stdout.splitlines(), strict=True):
