@@ -174,23 +174,31 @@ class FineCollector:
         """Weigh the numbers that the next frame may have; returns it once it is sure."""
         belief = likelihoods.astype(np.float64)
         if self._belief is not None:
-            moved = np.full(NUMBERS, -np.inf)
-            frames = NUMBERS if self._terms is None else self._terms.frames
-            if self._terms is None:
-                step = min(max(count - self._count, 0), NUMBERS)
-                moved[step:] = self._belief[: NUMBERS - step]
-                moved[:step] = np.log(-np.expm1(step * np.log1p(-LOOP_ENDS)) / max(step, 1))
-                over = np.s_[: min(step, USUAL_FRAMES)]  # a loop of the usual length is over
-                again = np.roll(self._belief[:USUAL_FRAMES], step % USUAL_FRAMES)[over]
-                moved[over] = np.logaddexp(moved[over], again)
-            else:
-                moved[:frames] = np.roll(self._belief[:frames], (count - self._count) % frames)
+            moved = self._moved_on(self._belief, count - self._count)
             belief += np.logaddexp(moved + np.log(1 - JUMP), np.log(JUMP / NUMBERS))
         self._count = count
         belief -= belief.max()
         self._belief = belief - np.log(np.exp(belief).sum())
         best = int(self._belief.argmax())
         return best if np.exp(self._belief).sum() - np.exp(self._belief[best]) < UNSURE else None
+
+    def _moved_on(self, belief: NDArray[np.float64], steps: int) -> NDArray[np.float64]:
+        """Give the logarithm of each number's probability, (4096,), once the display moved on.
+
+        A loop of unknown length may have ended meanwhile, most likely one of the usual length.
+        """
+        moved = np.full(NUMBERS, -np.inf)
+        if self._terms is not None:
+            frames = self._terms.frames
+            moved[:frames] = np.roll(belief[:frames], steps % frames)
+            return moved
+        step = min(max(steps, 0), NUMBERS)
+        moved[step:] = belief[: NUMBERS - step]
+        moved[:step] = np.log(-np.expm1(step * np.log1p(-LOOP_ENDS)) / max(step, 1))
+        over = np.s_[: min(step, USUAL_FRAMES)]
+        usual = np.roll(belief[:USUAL_FRAMES], step % USUAL_FRAMES)
+        moved[over] = np.logaddexp(moved[over], usual[over])
+        return moved
 
     def _number_waiting(self, number: int, count: int) -> list[ReadFrame]:
         """Number the frames that wait by one whose number is sure; drop what misfits.
