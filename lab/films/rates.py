@@ -146,7 +146,8 @@ def rates_blocks(results: Mapping[str, Results[RatesContent]]) -> dict[str, str]
     title = (
         "Simulated hand-held video at 1280 × 720, or 1920 × 1080 where the setting says so; "
         "picture, room, pose, clocks (±1 %) and start in the loop drawn anew in each run, which "
-        "ends after three loops (`python -m lab rates`):"
+        "ends after three loops, or ten of `hidden` before 30 and 60 frames a second "
+        "(`python -m lab rates`):"
     )
     return {"rates": Table(heads, rows, title).markdown()}
 
