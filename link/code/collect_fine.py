@@ -4,8 +4,8 @@ Each frame tells its number and a part of the loop's terms by words (`link.code.
 of the frames are followed from frame to frame by Bayes' rule: a number usually moves on as the
 display's count does, and sometimes jumps, because count was lost or the loop began again. A frame
 whose number is not sure yet waits; so does one that comes before the terms are known. The terms
-are summed up over frames. Frames that contradict them are not used, and several in a row mean that
-the message has changed.
+are summed up over frames. Frames that contradict them are not used, and several mean that the
+message has changed.
 """
 
 from dataclasses import dataclass
@@ -114,8 +114,8 @@ class WaitingFrame:
     """(n_bits,) log-likelihood ratios."""
     count: int
     """Number of the frame on the display, from any start."""
-    number: int | None
-    """Number of the frame in the loop, or None while it is not sure."""
+    read: ReadFrame | None
+    """What the frame says by its number in the loop, or None while that is not sure."""
 
 
 class FineCollector:
@@ -167,7 +167,8 @@ class FineCollector:
             return
         self._number_waiting(number, count)
         for waiting in self._waiting:
-            self._put(waiting, self._terms)
+            if waiting.read is not None:
+                self._put(waiting.read, self._terms)
         self._waiting = []
 
     def _follow(self, likelihoods: Floats, count: int) -> int | None:
@@ -210,15 +211,15 @@ class FineCollector:
         """
         kept, numbered = [], []
         for frame in self._waiting:
-            if frame.number is None:
+            if frame.read is None:
                 own = number - (count - frame.count)
                 if self._terms is not None:
                     own %= self._terms.frames
                 if own >= 0:
                     if own >= NUMBERS or number_likelihoods(frame.scores)[own] < CONTRADICTS:
                         continue
-                    frame.number = own
-                    numbered.append(ReadFrame(frame.scores, own))
+                    frame.read = ReadFrame(frame.scores, own)
+                    numbered.append(frame.read)
             kept.append(frame)
         self._waiting = kept
         return numbered
@@ -243,20 +244,16 @@ class FineCollector:
         if self._heard.all():
             self._terms = read_terms(self._evidence.argmax(axis=1), self.n_bits)
 
-    def _put(self, waiting: WaitingFrame, terms: Terms) -> None:
+    def _put(self, frame: ReadFrame, terms: Terms) -> None:
         """Add a frame to the loop, and note whether decoding is due."""
-        assert waiting.number is not None
-        if waiting.number >= terms.frames:
-            return
-        frame = ReadFrame(waiting.scores, waiting.number)
-        if frame.supports(terms) < CONTRADICTS:
+        if frame.number >= terms.frames or frame.supports(terms) < CONTRADICTS:
             return
         if terms == self._delivered:
             self._loop, self._due, self.progress = None, False, 1.0
             return
         if self._loop is None or self._loop.terms != terms:
             self._loop, self._due = CodedScores(terms, self.n_bits), False
-        self._loop.add(waiting.number, frame.coded)
+        self._loop.add(frame.number, frame.coded)
         self.progress = self._loop.progress
         self._due = self._due or self._loop.worth_decoding()
 

@@ -218,6 +218,8 @@ class ReadFrame:
     def __init__(self, scores: Floats, number: int) -> None:
         shape = Shape.of(scores.size)
         clear = np.where(shape.whitening(number) == 1, -scores, scores)
+        self.number = number
+        """Number of the frame in the loop."""
         self.pieces = shape.pieces_shown(number)
         """(shown,) which words of the terms the frame shows."""
         self.likelihoods = weigh_words(clear[shape.head[WORD:]].reshape(-1, WORD))

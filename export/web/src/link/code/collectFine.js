@@ -5,8 +5,8 @@
  * the frames are followed from frame to frame by Bayes' rule: a number usually moves on as the
  * display's count does, and sometimes jumps, because count was lost or the loop began again. A
  * frame whose number is not sure yet waits; so does one that comes before the terms are known. The
- * terms are summed up over frames. Frames that contradict them are not used, and several in a row
- * mean that the message has changed (link/code/collect_fine.py).
+ * terms are summed up over frames. Frames that contradict them are not used, and several mean that
+ * the message has changed (link/code/collect_fine.py).
  */
 
 import { codeCollectFine, codeFine } from "../../generated/constants.js";
@@ -81,9 +81,9 @@ class CodedScores {
 }
 
 /**
- * A frame that cannot be used yet: its scores, its count, and its number once that is known.
+ * A frame that cannot be used yet: its scores, its count, and what it says once its number is known.
  *
- * @typedef {{ scores: Float32Array, count: number, number: number | null }} WaitingFrame
+ * @typedef {{ scores: Float32Array, count: number, read: ReadFrame | null }} WaitingFrame
  */
 
 /**
@@ -161,14 +161,14 @@ export class FineCollector {
    */
   #take(received, count) {
     const scores = cutScores(received, new Float32Array(this.nBits));
-    this.#waiting.push({ scores, count, number: null });
+    this.#waiting.push({ scores, count, read: null });
     if (this.#waiting.length > MAX_WAITING) this.#waiting.shift();
     const number = this.#follow(numberLikelihoods(scores), count);
     if (number === null) return;
     for (const read of this.#numberWaiting(number, count)) this.#learnTerms(read);
     if (this.#terms === null) return;
     this.#numberWaiting(number, count);
-    for (const waiting of this.#waiting) this.#put(waiting, this.#terms);
+    for (const { read } of this.#waiting) if (read !== null) this.#put(read, this.#terms);
     this.#waiting = [];
   }
 
@@ -238,14 +238,14 @@ export class FineCollector {
     /** @type {ReadFrame[]} */
     const numbered = [];
     this.#waiting = this.#waiting.filter((frame) => {
-      if (frame.number !== null) return true;
+      if (frame.read !== null) return true;
       let number = sure - (count - frame.count);
       if (this.#terms !== null) number = remainder(number, this.#terms.frames);
       if (number < 0) return true;
       // a number that no word tells fits no better than one that the frame's word contradicts
       if (!(numberLikelihoods(frame.scores)[number] >= CONTRADICTS)) return false;
-      frame.number = number;
-      numbered.push(new ReadFrame(frame.scores, number));
+      frame.read = new ReadFrame(frame.scores, number);
+      numbered.push(frame.read);
       return true;
     });
     return numbered;
@@ -285,14 +285,11 @@ export class FineCollector {
   /**
    * Add a frame to the loop, and note whether decoding is due.
    *
-   * @param {WaitingFrame} waiting - its number is known
+   * @param {ReadFrame} frame
    * @param {Terms} terms
    */
-  #put(waiting, terms) {
-    const number = /** @type {number} */ (waiting.number);
-    if (number >= terms.frames) return;
-    const frame = new ReadFrame(waiting.scores, number);
-    if (frame.supports(terms) < CONTRADICTS) return;
+  #put(frame, terms) {
+    if (frame.number >= terms.frames || frame.supports(terms) < CONTRADICTS) return;
     if (terms.equals(this.#delivered)) {
       this.#forgetLoop();
       return;
@@ -301,7 +298,7 @@ export class FineCollector {
       this.#loop = new CodedScores(terms, this.nBits);
       this.#due = false;
     }
-    this.#loop.add(number, frame.coded);
+    this.#loop.add(frame.number, frame.coded);
     this.progress = this.#loop.progress;
     this.#due ||= this.#loop.worthDecoding();
   }

@@ -190,6 +190,8 @@ export class ReadFrame {
     const white = shape.whitening(number);
     const clear = scores.map((score, at) => (white[at] & 1 ? -score : score));
     const words = taken(clear, shape.head.subarray(WORD));
+    /** Number of the frame in the loop. */
+    this.number = number;
     /** Which words of the terms the frame shows. */
     this.pieces = shape.piecesShown(number);
     /** By word shown, (4096) log-likelihood of each number that it may tell, over chance. */
