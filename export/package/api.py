@@ -32,7 +32,7 @@ from link.code.authenticate import Verifier
 from link.errors import InputError, ParameterError
 from link.frames import check_same_size
 from link.geometry import as_corners
-from link.images.video import MAX_FPS, MIN_FPS
+from link.images.video import check_fps
 from models import find_graph
 
 __all__ = [
@@ -79,8 +79,7 @@ class FilmReceiver:
         scores: bool = False,
         threads: int = 2,
     ) -> None:
-        if not MIN_FPS <= fps <= MAX_FPS:
-            raise ParameterError("fps", f"need {MIN_FPS:g} to {MAX_FPS:g}, got {fps}")
+        check_fps(fps)
         if max_age_s is not None and key is None:
             raise ParameterError("max_age_s", "only a message with a key has an age; give a key")
         verifier = None if key is None else Verifier(key, max_age_s)

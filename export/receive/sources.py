@@ -16,9 +16,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.errors import InputError, ParameterError
+from link.errors import InputError
 from link.images import image_files, pixel_limit, read_image
-from link.images.video import DEFAULT_FPS, MAX_FPS, MIN_FPS, VideoReader, next_frame
+from link.images.video import DEFAULT_FPS, MAX_FPS, VideoReader, check_fps, next_frame
 from link.outside import is_file
 
 MAX_NUMBER_DIGITS = 15
@@ -72,8 +72,8 @@ def open_source(
     Raises:
         InputError: nothing there, or nothing readable in it; also later, from ``frames``.
     """
-    if fps is not None and not MIN_FPS <= fps <= MAX_FPS:
-        raise ParameterError("fps", f"need {MIN_FPS:g} to {MAX_FPS:g} frames a second, got {fps:g}")
+    if fps is not None:
+        check_fps(fps)
     pixel_limit(max_megapixels)  # a wrong limit is no error of each image
     if name.isascii() and name.isdigit() and len(name) <= MAX_CAMERA_DIGITS:
         return _camera(int(name), fps)

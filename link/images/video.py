@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.errors import InputError
+from link.errors import InputError, ParameterError
 from link.images import (
     MIN_SIDE_PX,
     check_kind,
@@ -57,6 +57,12 @@ OPEN_OPTIONS = "OPENCV_FFMPEG_CAPTURE_OPTIONS"
 """Name of the environment variable from which OpenCV takes options whenever it opens a video."""
 # our one line says what is wrong; OpenCV asks for this when it first reads or writes a video
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+
+
+def check_fps(fps: float) -> None:
+    """Raise a `ParameterError` where a camera's number of frames a second is out of its range."""
+    if not MIN_FPS <= fps <= MAX_FPS:
+        raise ParameterError("fps", f"need {MIN_FPS:g} to {MAX_FPS:g} frames a second, got {fps:g}")
 
 
 @dataclass(frozen=True)
