@@ -111,8 +111,6 @@ SIDE_FEATURES = 0.03
 that counts may be counted or not."""
 PILOT_CHANGE = 2e-3
 """Gray levels between amplitudes in maps of what toggles, after float32 sums over frames."""
-TOGGLE_WORTH = 1e-2
-"""Absolute difference between worths of outlines, which sum a float32 map over many pixels."""
 PILOTS_FOUND_PX = 1.5
 """Pixels by which the page's corners may be farther from the truth than Python's: an eighth of the
 blocks of these films. Whether a move of the corners made the display surer is decided by noise

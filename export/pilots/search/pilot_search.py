@@ -14,6 +14,7 @@ The work is cut into steps, one or two for each frame, so that no frame takes lo
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -21,10 +22,12 @@ from export.pilots.clock import DisplayClock
 from export.pilots.search.film import HeldFrame
 from export.pilots.search.proposals import (
     CANDIDATES,
+    FRAME_SHARE,
     PROMISING,
     STRONGEST,
     Proposal,
     Proposer,
+    inset,
     weigh,
 )
 from export.pilots.search.settle import HINT, Settled, settle
@@ -37,8 +40,6 @@ from link.types import Array, Corners, Image
 
 GLANCES = 4
 """Number of quadrilaterals that are glanced at in one step."""
-SHIFTED = 4
-"""Number of quadrilaterals, the likeliest, about which displays with a code are looked for."""
 STEPS_HZ = 60.0
 """Number of steps of the search that are done in a second, at least: the frames of a slow camera
 leave time for several."""
@@ -164,13 +165,16 @@ class PilotSearch:
         """Look for the display in the film that follows the reference.
 
         Edges are glanced at after half of the window and after each quarter. Once all frames have
-        been watched, one proposal after another is settled until one is sure.
+        been watched, other quadrilaterals are, and the pilots are fitted to those that probably
+        bound a display, if not exactly.
         """
         proposer = Proposer(watch, self.layouts, self._fps)
         edges = proposer.edges
         count, seen = watch.window // 2, 0
         while seen < watch.window:
             while len(watch.frames) < min(count, watch.window):
+                for quad in edges:
+                    watch.places(quad, len(watch.frames))  # each frame does its own share
                 yield None
             seen = len(watch.frames)
             count = seen + watch.window // 4
@@ -180,21 +184,15 @@ class PilotSearch:
         yield None
         if found := (yield from self._glance(faint[:CANDIDATES], proposer, watch)):
             return found
-        strongest = edges[:STRONGEST]
+        strongest = [*edges[:STRONGEST], *faint[:1]]
         if found := (yield from self._fit(strongest, proposer, watch)):
             return found
-        quads, usual = yield from proposer.all_quads(faint)
-        if found := (yield from self._glance(quads, proposer, watch)):
+        outlines = yield from proposer.outlines()
+        framed = [inset(quad, FRAME_SHARE) for quad in (*edges, *faint[:CANDIDATES])]
+        others = [*outlines, *framed, *faint[CANDIDATES:]]
+        if found := (yield from self._glance(others, proposer, watch)):
             return found
-        glances = [proposer.glance(quad) for quad in quads]
-        hints = [each for each in glances if HINT < each[0] <= PROMISING]
-        for _, proposal in sorted(hints, key=lambda hint: -hint[0]):
-            if found := (yield from self._weigh_and_settle(proposal, watch)):
-                return found
-        ranked = proposer.ranked(quads, [evidence for evidence, _ in glances], usual)
-        tried = {id(quad) for quad in strongest}
-        left = [quads[number] for number in ranked if id(quads[number]) not in tried]
-        return (yield from self._fit(left, proposer, watch))
+        return (yield from self._fit(outlines, proposer, watch))
 
     def _glance(
         self, quads: Sequence[Array], proposer: Proposer, watch: Watch, count: int | None = None
@@ -225,14 +223,14 @@ class PilotSearch:
             proposer: fits the pilots.
             watch: the film.
         """
-        for rank, quad in enumerate(quads):
-            for turn in (0, 1):
-                fit = proposer.first_fit(np.roll(quad, -turn, axis=0), coded=rank < SHIFTED)
-                yield None
-                if fit is None:
-                    continue
-                evidence, _ = proposer.surest_in(fit.corners, [fit.layout])
-                if evidence > HINT and (found := (yield from self._settle(fit, evidence, watch))):
+        for quad, turn in product(quads, (0, 1)):
+            fit = proposer.first_fit(np.roll(quad, -turn, axis=0))
+            yield None
+            evidence = 0.0 if fit is None else proposer.surest_in(fit.corners, [fit.layout])[0]
+            yield None
+            if fit is not None and evidence > HINT:
+                found = yield from self._settle(fit, evidence, watch)
+                if found is not None:
                     return found
         return None
 

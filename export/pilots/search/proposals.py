@@ -2,7 +2,6 @@
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
-from itertools import chain, zip_longest
 from typing import Any
 
 import cv2
@@ -27,8 +26,8 @@ edges among which what toggles chooses."""
 LEAVING = 2
 """Number of quadrilaterals of edges with a corner outside the image that are glanced at, too."""
 STRONGEST = 2
-"""Number of quadrilaterals, those of the strongest edges, that the pilots are fitted to before all
-others are glanced at."""
+"""Number of quadrilaterals, those of the strongest edges, that the pilots are fitted to before most
+others are glanced at; the strongest one of faint edges is another."""
 FRAME_SHARE = 0.02
 """Width of a frame around the display, as a share of the display's sides: edges may be those of the
 frame, so quadrilaterals within them are glanced at, too."""
@@ -104,8 +103,6 @@ class Proposer:
         leaving = leaving_quads(watch.reference, LEAVING)
         self.edges: list[Array] = [*(candidate.corners for candidate in within), *leaving]
         """Quadrilaterals of edges, (4, 2) pixels of the reference, the strongest first."""
-        self._seen: dict[int, tuple[Array, tuple[float, Proposal]]] = {}
-        """Each quadrilateral that was glanced at, and what was seen last, by its ``id``."""
 
     def faint_edges(self) -> list[Array]:
         """Propose quadrilaterals in the mean of all frames, its levels spread over the whole range.
@@ -117,46 +114,32 @@ class Proposer:
         found = display_candidates(even, FAINT_CANDIDATES)
         return [self._watch.on_image(candidate.corners) for candidate in found]
 
-    def all_quads(self, faint: list[Array]) -> Generator[None, None, tuple[list[Array], int]]:
-        """Propose quadrilaterals by faint edges, by what toggles, and by the reference's edges.
-
-        Args:
-            faint: what `faint_edges` gave.
-
-        Returns:
-            quadrilaterals, and the number of them, from the first on, that are tried in any case.
-        """
+    def outlines(self) -> Generator[None, None, list[Array]]:
+        """Propose quadrilaterals, (4, 2) pixels of the reference, that bound what toggles."""
         outlines = []
         for frequency in self._frequencies:
             outline = self._watch.map.outline(frequency)
             yield None
             if outline is not None:
                 outlines.append(self._watch.on_image(outline))
-        edges = _by_turns(faint[:CANDIDATES], self.edges)
-        usual = [*edges, *outlines]
-        framed = [inset(quad, FRAME_SHARE) for quad in edges]
-        return [*usual, *framed, *faint[CANDIDATES:]], len(usual)
+        return outlines
 
     def glance(self, quad: Array, count: int | None = None) -> tuple[float, Proposal]:
         """Weigh a quadrilateral, any side up, by small views of what toggles in it.
 
         Args:
             quad: (4, 2) pixels of the reference frame.
-            count: as `Watch.places` takes it; without it, what was seen last counts again.
+            count: as `Watch.places` takes it.
 
         Returns:
             the evidence, before it pays, and what it speaks for.
         """
-        if count is None and id(quad) in self._seen:
-            return self._seen[id(quad)][1]
         ways, places = [], self._watch.places(quad, count)
         for turn in (0, 1):
             turned = [np.roll(place, -turn, axis=0) for place in places]
             views = self._watch.map.views(turned, *self._finest)
             ways.append(self._surest(np.roll(quad, -turn, axis=0), views, self._layouts))
-        surest = max(ways, key=lambda way: way[0])
-        self._seen[id(quad)] = quad, surest
-        return surest
+        return max(ways, key=lambda way: way[0])
 
     def surest_in(self, corners: Array, layouts: Sequence[Layout]) -> tuple[float, Proposal]:
         """Choose the layout, upright or upside down, that is surest in small views of corners."""
@@ -179,33 +162,11 @@ class Proposer:
                 found.append((evidence, Proposal(up, layout, toggling)))
         return max(found, key=lambda each: each[0])
 
-    def ranked(self, quads: list[Array], evidence: list[float], usual: int) -> list[int]:
-        """Choose the quadrilaterals to which the pilots are fitted, and their order.
-
-        Those for which a first glance speaks most come by turns with those that best bound what
-        toggles.
-
-        Args:
-            quads: quadrilaterals.
-            evidence: evidence of each at a first glance.
-            usual: number of quadrilaterals, from the first on, that are tried in any case.
-
-        Returns:
-            numbers of quadrilaterals.
-        """
-        worth = [self._watch.worth(quad) for quad in quads]
-        numbers = range(len(quads))
-        clearest = sorted(numbers, key=lambda i: -evidence[i])[:CANDIDATES]
-        bounding = sorted(numbers, key=lambda i: -worth[i])[:CANDIDATES]
-        first = _by_turns(clearest, [i for i in bounding if worth[i] > 0])
-        return list(dict.fromkeys([*range(min(STRONGEST, usual)), *first, *range(usual)]))
-
-    def first_fit(self, quad: Array, *, coded: bool) -> Proposal | None:
+    def first_fit(self, quad: Array) -> Proposal | None:
         """Fit every layout, upright and upside down, to a quadrilateral that may be far off.
 
         Args:
             quad: (4, 2) pixels of the reference frame.
-            coded: whether layouts with a code are fitted, too, which takes longer.
 
         Returns:
             what fits best after a shift, or None where nothing does.
@@ -216,8 +177,6 @@ class Proposer:
         best: tuple[int, Proposal] | None = None
         for layout in self._layouts:
             plain = layout.code == PLAIN
-            if not plain and not coded:
-                continue
             series, blocks = rough_series(views, layout), expected_changes(layout)
             ways: list[tuple[TogglePattern, NDArray[np.complex64]]] = []
             if plain:
@@ -232,11 +191,6 @@ class Proposer:
                         corners = np.roll(moved_corners(quad, fit[0], layout), -turn, axis=0)
                         best = fit[1], Proposal(corners, layout, toggling)
         return None if best is None else best[1]
-
-
-def _by_turns(first: Sequence[Any], second: Sequence[Any]) -> list[Any]:
-    """List the items of two sequences by turns, and what is left of the longer one."""
-    return [item for item in chain(*zip_longest(first, second)) if item is not None]
 
 
 def inset(quad: Array, share: float) -> Array:

@@ -65,7 +65,6 @@ class ToggleMap:
         self._at: list[float] = []
         self._shrunk: dict[int, list[NDArray[Any]]] = {}
         self._logs: dict[int, Map] = {}
-        self._gains: list[Map] = []
 
     def add(self, still: NDArray[np.uint8], at: float) -> None:
         """Take the next frame.
@@ -76,7 +75,7 @@ class ToggleMap:
         """
         self._stills.append(still)
         self._at.append(at)
-        self._logs, self._gains = {}, []
+        self._logs = {}
 
     def mean(self) -> NDArray[np.uint8]:
         """Average all frames so far, (h, w) uint8, rounded down."""
@@ -108,7 +107,6 @@ class ToggleMap:
         gain = np.clip((excess - usual_excess) / edge - 1, -1, 2)
         size = [max(1, round(side / FIT_PX)) for side in gain.shape[::-1]]
         gain = np.asarray(cv2.resize(gain, size, interpolation=cv2.INTER_AREA), np.float32)
-        self._gains.append(gain)
         fits = [_fitted(start, gain) for start in _outlines(excess > clear)]
         if not fits:
             return None
@@ -143,18 +141,6 @@ class ToggleMap:
             whole = np.float32(still[: rows * factor, : cols * factor])
             shrunk.append(cv2.resize(whole, (cols, rows), interpolation=cv2.INTER_AREA))
         return shrunk
-
-    def worth(self, quad: Array) -> float:
-        """Tell how well a quadrilateral bounds what toggles at one of the outlined frequencies.
-
-        Args:
-            quad: (4, 2) pixels of the map.
-
-        Returns:
-            a sum over its pixels, to which those that toggle add and others do not; 0 where it
-            bounds nothing that toggles.
-        """
-        return max([0.0, *(_sum_within(quad, gain) for gain in self._gains)])
 
     def _measure(self, span: float, numbers: list[int]) -> None:
         """Find the logarithm of the smoothed power where a window holds some numbers of periods."""

@@ -101,7 +101,3 @@ class Watch:
             H_reference_from_image = np.asarray(np.linalg.inv(frame.H_image_from_reference))
             places.append(self.on_copy(transform(H_reference_from_image, frame.corners(corners))))
         return places[:count]
-
-    def worth(self, quad: Array) -> float:
-        """Tell how well a quadrilateral of the reference bounds what toggles (`ToggleMap`)."""
-        return self.map.worth(self.on_copy(quad))

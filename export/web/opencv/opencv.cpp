@@ -431,13 +431,6 @@ static double sumWithin(const Mat &gain, const Point2d *quad, double smaller) {
   return sum;
 }
 
-PAGE void sumsWithin(const Plane &gain, const Plane &quads, double smaller, const Plane &sums) {
-  const Point2d *quad = static_cast<Point2d *>(quads.data);
-  for (int i = 0; i < sums.width; i++, quad += 4) {
-    sums.numbers()[i] = sumWithin(gain.mat(), quad, smaller);
-  }
-}
-
 // Moves the corners, one by one, while that adds to the sum within. Returns the sum.
 PAGE double fittedOutline(const Plane &gain, const Plane &quad, double smaller, const Plane &steps,
                           const Plane &fitted) {

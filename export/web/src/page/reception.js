@@ -83,13 +83,14 @@ export class Reception {
    * Begin a new film or camera.
    *
    * @param {number | null} fps - frames a second, or null where they are to be measured
+   * @param {boolean} [isCamera] - whether frames may be passed over where no display is seen
    */
-  begin(fps) {
+  begin(fps, isCamera = false) {
     this.end();
     this.fps = fps;
     if (fps === null) return;
     const { key, maxAgeS } = this;
-    this.worker.start(fps, key, key && maxAgeS).catch((error) => this.fail(error));
+    this.worker.start(fps, key, key && maxAgeS, isCamera).catch((error) => this.fail(error));
   }
 
   /**
@@ -116,7 +117,7 @@ export class Reception {
   /** Measure the rate from the times of the first frames. */
   measure(/** @type {number} */ time) {
     this.times.push(time);
-    if (this.times.length >= PROBED) this.begin(rateOf(this.times));
+    if (this.times.length >= PROBED) this.begin(rateOf(this.times), true);
   }
 
   /** Say that the film has ended, once the last frame is read. */

@@ -88,8 +88,9 @@ const functions = {
    * @param {number} fps - nominal number of frames a second
    * @param {Uint8Array | null} key - of its messages, or null
    * @param {number | null} maxAgeS - largest age of a message in seconds, or null
+   * @param {boolean} mayRest - whether frames may be passed over (`Receiver`)
    */
-  start: (fps, key, maxAgeS) => inTurn(() => start(fps, key, maxAgeS)),
+  start: (fps, key, maxAgeS, mayRest) => inTurn(() => start(fps, key, maxAgeS, mayRest)),
 
   /**
    * Read the next frame, or keep it where a recording is wanted.
@@ -164,11 +165,11 @@ async function planeOf({ frame, rotation = 0, rgba }) {
   throw new Error("a frame without pixels");
 }
 
-/** @param {number} fps @param {Uint8Array | null} key @param {number | null} maxAgeS */
-function start(fps, key, maxAgeS) {
+/** @type {(fps: number, key: Uint8Array | null, maxAgeS: number | null, mayRest: boolean) => void} */
+function start(fps, key, maxAgeS, mayRest) {
   film.fps = fps;
   film.scores = null;
-  film.receiver = new Receiver(decoders, fps, FRAME_MS, filmScorer);
+  film.receiver = new Receiver(decoders, fps, FRAME_MS, filmScorer, mayRest);
   const isSame = key && judge.key && equalBytes(key, judge.key) && maxAgeS === judge.maxAgeS;
   if (!isSame) Object.assign(judge, { key, maxAgeS, verifier: key && new Verifier(key, maxAgeS) });
   film.inbox = new Inbox(judge.verifier);

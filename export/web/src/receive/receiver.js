@@ -11,6 +11,7 @@ import { images, receiveReceiver } from "../generated/constants.js";
 import { MISSING } from "../pilots/search/pilotSearch.js";
 import { DisplayReader } from "./reading/reader.js";
 import { Repeats } from "./repeats.js";
+import { Rests } from "./rests.js";
 import { Sight, StageTimes } from "./sight.js";
 import { Tracker } from "./tracking/patches.js";
 import { PilotTracker } from "./tracking/pilots.js";
@@ -39,6 +40,8 @@ export class Receiver {
   /** Whether frames were missing, as happens where a camera does not wait for the receiver. */
   #isLate = false;
   #repeats = new Repeats();
+  #rests = new Rests();
+  #mayRest;
   #sight = new Sight();
   /** @type {Tracked | null} */
   #tracked = null;
@@ -59,8 +62,10 @@ export class Receiver {
    *   frame, for a camera that does not wait
    * @param {FilmScorer | null} [film] - decodes windows of film where the layout and the picture
    *   allow it; null where all is read by frame pairs
+   * @param {boolean} [mayRest] - whether frames may be passed over where no display has been seen for
+   *   long (`Rests`)
    */
-  constructor(decoders, fps = 30, frameMs = Infinity, film = null) {
+  constructor(decoders, fps = 30, frameMs = Infinity, film = null, mayRest = false) {
     if (decoders.length === 0) throw new Error("decoders: need at least one");
     const layouts = decoders.map(({ layout }) => layout);
     /** Time spent in each stage so far. */
@@ -70,6 +75,7 @@ export class Receiver {
     /** Number of frames taken. */
     this.frames = 0;
     this.#fps = fps;
+    this.#mayRest = mayRest;
     this.#trackers = makeTrackers(layouts, fps, frameMs);
     const readers = decoders.map(
       (decoder) => new DisplayReader(decoder, fps, this.timing, this.#sight, film),
@@ -177,6 +183,9 @@ export class Receiver {
    */
   #find(frame, time) {
     const followed = this.#following;
+    const isIdle = this.#trackers.every((tracker) => tracker.isIdle);
+    if (followed !== null || !this.#mayRest) this.#rests.wake(time);
+    if (this.#rests.passes(time, this.#repeats.change, isIdle)) return null;
     this.#following = null;
     const isStill = followed !== null && this.#standsStill(followed, time);
     if (isStill) followed.setAside(time, false);

@@ -13,6 +13,10 @@ import { receiveRepeats } from "../generated/constants.js";
 import { median, quantile } from "../link/order.js";
 
 const { CELL_PX, CELLS, QUANTILES, REPEATED, MIN_NOISE_LEVELS, HISTORY, FIRST } = receiveRepeats;
+/** Share of the cells in which an image differs less than `Repeats.change` says. */
+const CHANGED = 0.9;
+/** Variance of the noise, in gray levels squared, where an image has none. */
+const LEAST_VARIANCE = 0.05;
 
 /**
  * Small squares of pixels, spread evenly over an image, cell by cell.
@@ -22,6 +26,11 @@ const { CELL_PX, CELLS, QUANTILES, REPEATED, MIN_NOISE_LEVELS, HISTORY, FIRST } 
 
 /** Compares each frame with the one before. */
 export class Repeats {
+  /**
+   * By how much the newest frame differs from the one before: the square of the mean difference in a
+   * cell, in those of its noise alone; nine tenths of the cells differ by less.
+   */
+  change = 0;
   /** @type {Cells | null} */
   #before = null;
   /** Differences of the last frames at each of `QUANTILES`. @type {number[][]} */
@@ -46,7 +55,12 @@ export class Repeats {
       this.#changes = [];
       return false;
     }
-    const spread = spreads(now, before);
+    const { spread, means } = differences(now, before);
+    const usualMean = median(means);
+    const changes = means.map(
+      (value, i) => (now.area * (value - usualMean) ** 2) / (spread[i] ** 2 + LEAST_VARIANCE),
+    );
+    this.change = quantile(changes, CHANGED);
     const change = QUANTILES.map((share) => quantile(spread, share));
     if (this.#changes.length >= FIRST) {
       const usual = QUANTILES.map((_, i) => median(this.#changes.map((values) => values[i])));
@@ -87,15 +101,16 @@ function sampleCells({ width, height, data }) {
 }
 
 /**
- * Find the standard deviation of the differences within each cell: a bit, or a change of exposure,
- * moves all of its pixels alike.
+ * Find the mean and the standard deviation of the differences within each cell: a bit, or a change of
+ * exposure, moves all of its pixels alike.
  *
  * @param {Cells} now
  * @param {Cells} before
- * @returns {Float64Array} gray levels
+ * @returns {{ spread: Float64Array, means: Float64Array }} gray levels
  */
-function spreads(now, before) {
+function differences(now, before) {
   const spread = new Float64Array(now.cells);
+  const means = new Float64Array(now.cells);
   for (let cell = 0, at = 0; cell < now.cells; cell++) {
     let sum = 0;
     let squares = 0;
@@ -104,8 +119,8 @@ function spreads(now, before) {
       sum += change;
       squares += change * change;
     }
-    const mean = sum / now.area;
+    const mean = (means[cell] = sum / now.area);
     spread[cell] = Math.sqrt(Math.max(0, squares / now.area - mean * mean));
   }
-  return spread;
+  return { spread, means };
 }

@@ -19,17 +19,17 @@ import { pilotsSearchPilotSearch } from "../../generated/constants.js";
 import { candidateSteps, leavingSteps } from "../../locate/candidates.js";
 import { rolled } from "../../locate/quads.js";
 import {
-  CANDIDATES, GLANCE_WORK, LEAVING, NEXT_FRAME, PROMISING, Proposer, STRONGEST, weighSteps,
+  CANDIDATES, FRAME_SHARE, GLANCE_WORK, LEAVING, NEXT_FRAME, PROMISING, Proposer, STRONGEST, inset,
+  weighSteps,
 } from "./proposals.js";
 import { HINT, settleSteps } from "./settle.js";
 import { Watch } from "./watch.js";
 
 /** @typedef {import("./film.js").HeldFrame} HeldFrame */
-/** @typedef {import("./proposals.js").Glance} Glance */
 /** @typedef {import("./proposals.js").Proposal} Proposal */
 /** @typedef {import("./settle.js").Settled} Settled */
 
-const { PATIENCE_S, MOST_DOUBLED, SHIFTED, STEPS_HZ } = pilotsSearchPilotSearch;
+const { PATIENCE_S, MOST_DOUBLED, STEPS_HZ } = pilotsSearchPilotSearch;
 
 /**
  * Units of work (`steps.js`) from which on a frame has had its share, where a camera takes `STEPS_HZ`
@@ -101,6 +101,11 @@ export class PilotSearch {
     this.frameMs = frameMs;
   }
 
+  /** Whether no search has begun. */
+  get isIdle() {
+    return this.#watch === null;
+  }
+
   /**
    * Take the next frame.
    *
@@ -110,9 +115,9 @@ export class PilotSearch {
    */
   push(gray, time) {
     const until = performance.now() + this.frameMs;
-    if ((time - this.#last) * this.fps > MISSING) this.#isLate = true;
-    this.#last = time;
     const watch = this.#watch;
+    if (watch !== null && (time - this.#last) * this.fps > MISSING) this.#isLate = true;
+    this.#last = time;
     let isFollowed = watch !== null && watch.take(gray, time);
     if (watch !== null && isFollowed && !watch.isInView()) {
       this.#giveUp();
@@ -183,36 +188,31 @@ export class PilotSearch {
     const within = yield* candidateSteps(watch.reference, CANDIDATES);
     const leaving = yield* leavingSteps(watch.reference, LEAVING);
     const edges = [...within.map((edge) => edge.corners), ...leaving];
-    const proposer = new Proposer(watch, edges, this.layouts);
+    const proposer = new Proposer(watch, this.layouts);
     yield BEGIN_WORK;
     watch.add();
     const quarter = Math.floor(watch.window / 4);
     for (let count = 2 * quarter, seen = 0; seen < watch.window; count = seen + quarter) {
-      while (watch.frames.length < Math.min(count, watch.window)) yield NEXT_FRAME;
+      while (watch.frames.length < Math.min(count, watch.window)) {
+        for (const quad of edges) watch.places(quad, watch.frames.length); // each frame its share
+        yield NEXT_FRAME;
+      }
       seen = watch.frames.length;
       const found = yield* this.#glance(edges, proposer, watch, seen);
       if (found !== null) return found;
     }
     const faint = yield* proposer.faintEdges();
-    const strongest = edges.slice(0, STRONGEST);
     const soon =
       (yield* this.#glance(faint.slice(0, CANDIDATES), proposer, watch)) ??
-      (yield* this.#fit(strongest, proposer, watch));
+      (yield* this.#fit([...edges.slice(0, STRONGEST), ...faint.slice(0, 1)], proposer, watch));
     if (soon !== null) return soon;
-    const { quads, usual } = yield* proposer.allQuads(faint);
-    const later = yield* this.#glance(quads, proposer, watch);
-    if (later !== null) return later;
-    /** @type {Glance[]} */
-    const glances = [];
-    for (const quad of quads) glances.push(yield* proposer.glanceSteps(quad));
-    const hints = glances.filter(({ evidence }) => evidence > HINT && !(evidence > PROMISING));
-    for (const { proposal: hint } of hints.sort((one, other) => other.evidence - one.evidence)) {
-      const found = yield* this.#weighAndSettle(hint, watch);
-      if (found !== null) return found;
-    }
-    const evidences = glances.map(({ evidence }) => evidence);
-    const ranked = proposer.ranked(quads, evidences, usual).map((number) => quads[number]);
-    return yield* this.#fit(ranked.filter((quad) => !strongest.includes(quad)), proposer, watch);
+    const outlines = yield* proposer.outlines();
+    const framed = [...edges, ...faint.slice(0, CANDIDATES)].map((quad) => inset(quad, FRAME_SHARE));
+    const others = [...outlines, ...framed, ...faint.slice(CANDIDATES)];
+    return (
+      (yield* this.#glance(others, proposer, watch)) ??
+      (yield* this.#fit(outlines, proposer, watch))
+    );
   }
 
   /**
@@ -241,9 +241,9 @@ export class PilotSearch {
    * @param {Watch} watch
    */
   *#fit(quads, proposer, watch) {
-    for (const [rank, quad] of quads.entries()) {
+    for (const quad of quads) {
       for (const turn of [0, 1]) {
-        const fit = yield* proposer.firstFit(rolled(quad, turn), rank < SHIFTED);
+        const fit = yield* proposer.firstFit(rolled(quad, turn));
         if (fit === null) continue;
         const { evidence } = proposer.surestIn(fit.corners, fit.layout);
         yield GLANCE_WORK;

@@ -44,30 +44,6 @@ const ROUGH_WORK = 2;
  */
 
 /**
- * List the items of two arrays by turns, and what is left of the longer one.
- *
- * @template T
- * @param {T[]} first
- * @param {T[]} second
- * @returns {T[]}
- */
-function byTurns(first, second) {
-  const most = Math.max(first.length, second.length);
-  return Array.from({ length: most }, (_, i) => [first.slice(i, i + 1), second.slice(i, i + 1)])
-    .flat(2);
-}
-
-/**
- * @param {Float32Array} values
- * @param {ArrayLike<number>} picked - numbers of those that are chosen
- */
-function chosen(values, picked) {
-  const result = new Float32Array(picked.length);
-  for (let i = 0; i < result.length; i++) result[i] = values[picked[i]];
-  return result;
-}
-
-/**
  * Weigh a proposal by frames in full, step by step.
  *
  * @param {Proposal} proposal
@@ -115,17 +91,13 @@ export class Proposer {
   #finest;
   /** Frequencies at which displays may toggle, in periods for each nominal frame. */
   #frequencies;
-  /** What was last seen at a glance of each quadrilateral. @type {Map<Point[], Glance>} */
-  #seen = new Map();
 
   /**
    * @param {Watch} watch - the film
-   * @param {Point[][]} edges - quadrilaterals of edges in its reference, the strongest first
    * @param {readonly Layout[]} layouts - those that may be shown
    */
-  constructor(watch, edges, layouts) {
+  constructor(watch, layouts) {
     this.#watch = watch;
-    this.edges = edges;
     this.#layouts = layouts;
     this.#finest = layouts.reduce((most, layout) =>
       layout.rows * layout.cols > most.rows * most.cols ? layout : most,
@@ -136,13 +108,11 @@ export class Proposer {
   }
 
   /**
-   * Propose quadrilaterals by faint edges, by what toggles, and by the reference's edges.
+   * Propose quadrilaterals that bound what toggles.
    *
-   * @param {Point[][]} faint - what `faintEdges` gave
-   * @returns {Steps<{ quads: Point[][], usual: number }>} quadrilaterals, and the number of them,
-   *   from the first on, that are tried in any case
+   * @returns {Steps<Point[][]>}
    */
-  *allQuads(faint) {
+  *outlines() {
     const outlines = [];
     for (const frequency of this.#frequencies) {
       for (const _ of this.#watch.map.prepare(frequency)) yield POWER_WORK;
@@ -150,10 +120,7 @@ export class Proposer {
       yield OUTLINE_WORK;
       if (outline !== null) outlines.push(this.#watch.onImage(outline));
     }
-    const edges = byTurns(faint.slice(0, CANDIDATES), this.edges);
-    const usual = [...edges, ...outlines];
-    const framed = edges.map((quad) => inset(quad, FRAME_SHARE));
-    return { quads: [...usual, ...framed, ...faint.slice(CANDIDATES)], usual: usual.length };
+    return outlines;
   }
 
   /**
@@ -161,13 +128,10 @@ export class Proposer {
    *
    * @param {Point[]} quad
    * @param {number | null} [count] - of the frames, from the first on, in which it is followed by
-   *   its own motion; null to look at all, held still as the room is, which is quicker, unless it
-   *   was looked at before: what was seen last counts again
+   *   its own motion; null to look at all, held still as the room is, which is quicker
    * @returns {Steps<Glance>} what is surest
    */
   *glanceSteps(quad, count = null) {
-    const seen = this.#seen.get(quad);
-    if (count === null && seen) return seen;
     const { cols, rows } = this.#finest;
     const watch = this.#watch;
     const places = watch.places(quad, count);
@@ -177,9 +141,7 @@ export class Proposer {
       ways.push(this.#surest(rolled(quad, turn), views, this.#layouts));
       yield GLANCE_WORK / 2;
     }
-    const surest = ways[0].evidence >= ways[1].evidence ? ways[0] : ways[1];
-    this.#seen.set(quad, surest);
-    return surest;
+    return ways[0].evidence >= ways[1].evidence ? ways[0] : ways[1];
   }
 
   /**
@@ -208,34 +170,13 @@ export class Proposer {
       const last = layout.rows * layout.cols - 1;
       const blocks = views.map((view) => standingOut(view, layout));
       return [pilotBlocks, pilotBlocks.map((block) => last - block)].map((picked, turned) => {
-        const values = blocks.map((shown) => chosen(shown, picked));
+        const values = blocks.map((shown) => Float32Array.from(picked, (block) => shown[block]));
         const { evidence, toggling } = findToggling(values, layout, at, this.#watch.fps);
         const up = rolled(corners, 2 * turned);
         return { evidence, proposal: { corners: up, layout, toggling } };
       });
     });
     return found.reduce((best, each) => (each.evidence > best.evidence ? each : best));
-  }
-
-  /**
-   * Choose the quadrilaterals to which the pilots are fitted, and their order.
-   *
-   * Those for which a first glance speaks most come by turns with those that best bound what
-   * toggles.
-   *
-   * @param {Point[][]} quads
-   * @param {number[]} evidences - of each at a first glance
-   * @param {number} usual - number of quadrilaterals, from the first on, that are tried in any case
-   * @returns {number[]} numbers of quadrilaterals
-   */
-  ranked(quads, evidences, usual) {
-    const worths = this.#watch.worths(quads);
-    const most = (/** @type {number[]} */ values) =>
-      [...quads.keys()].sort((i, k) => values[k] - values[i]).slice(0, CANDIDATES);
-    const bounding = most(worths).filter((i) => worths[i] > 0);
-    const first = byTurns(most(evidences), bounding);
-    const strongest = Array(Math.min(STRONGEST, usual)).keys();
-    return [...new Set([...strongest, ...first, ...Array(usual).keys()])];
   }
 
   /**
@@ -254,10 +195,9 @@ export class Proposer {
    * Fit every layout, upright and upside down, to a quadrilateral that may be far off.
    *
    * @param {Point[]} quad
-   * @param {boolean} coded - whether layouts with a code are fitted, too, which takes longer
    * @returns {Steps<Proposal | null>} what fits best after a shift, or null where nothing does
    */
-  *firstFit(quad, coded) {
+  *firstFit(quad) {
     const views = this.#watch.views(quad, ...COARSE_SIZE);
     yield GLANCE_WORK;
     const at = positions(this.#watch.frames);
@@ -266,7 +206,6 @@ export class Proposer {
     let best = null;
     for (const layout of this.#layouts) {
       const { isPlain } = layout.code;
-      if (!isPlain && !coded) continue;
       const series = roughSeries(views, layout);
       const measured = (/** @type {Toggling} */ toggling) => {
         return { toggling, line: toggling.amplitudes(series.frames, at, series.size) };

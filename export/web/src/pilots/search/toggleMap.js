@@ -35,8 +35,6 @@ export class ToggleMap {
   #copies = [];
   /** @type {Map<number, FloatPlane>} */
   #logs = new Map();
-  /** What each pixel adds to an outline, for each that was asked for. @type {FloatPlane[]} */
-  #gains = [];
 
   /**
    * @param {number} width - of the frames that will come
@@ -58,7 +56,6 @@ export class ToggleMap {
     this.#at.push(at);
     this.#copies.push(new Copies(still));
     this.#logs.clear();
-    this.#gains = [];
   }
 
   /**
@@ -131,7 +128,6 @@ export class ToggleMap {
     /** @type {Point[] | null} */
     let best = null;
     const small = fitCopy({ width, height, data: gain });
-    this.#gains.push(small);
     for (const start of outlines({ width, height, data: mask })) {
       const { corners, sum } = fittedOutline(start, small);
       if (sum <= most && best !== null) continue;
@@ -155,18 +151,6 @@ export class ToggleMap {
     const ways = quads.map((quad) => homographyFromCorners(quad, width, height));
     const shown = ways.length === 1 ? this.#copies : this.#copies.slice(0, ways.length);
     return shown.map((still, at) => still.sampled(ways[at] ?? ways[0], factor, width, height));
-  }
-
-  /**
-   * Tell how well quadrilaterals bound what toggles at one of the outlined frequencies.
-   *
-   * @param {Point[][]} quads - pixels of the map
-   * @returns {number[]} sums over their pixels, to which those that toggle add and others do not; 0
-   *   where a quadrilateral bounds nothing that toggles
-   */
-  worths(quads) {
-    const sums = this.#gains.map((gain) => sumsWithin(gain, quads));
-    return quads.map((_, i) => Math.max(0, ...sums.map((ofGain) => ofGain[i])));
   }
 
   /**
@@ -265,19 +249,6 @@ function fitCopy(gain) {
     Math.max(1, roundHalfEven(side / FIT_PX)),
   );
   return resizeArea(gain, width, height);
-}
-
-/**
- * Sum a map within quadrilaterals.
- *
- * @param {FloatPlane} gain - of `fitCopy`
- * @param {Point[][]} quads - pixels of the map
- * @returns {Float64Array} minus infinity for those that are not convex
- */
-function sumsWithin(gain, quads) {
-  const sums = new Float64Array(quads.length);
-  call("sumsWithin", [gain, Float64Array.from(quads.flat(2)), FIT_PX], [sums]);
-  return sums;
 }
 
 /**

@@ -128,15 +128,6 @@ export class Watch {
   }
 
   /**
-   * Tell how well quadrilaterals of the reference bound what toggles (`ToggleMap`).
-   *
-   * @param {Point[][]} quads
-   */
-  worths(quads) {
-    return this.map.worths(quads.map((quad) => this.#stabiliser.onCopy(quad)));
-  }
-
-  /**
    * Move points from the map to the reference.
    *
    * @param {Point[]} points

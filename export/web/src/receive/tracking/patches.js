@@ -56,10 +56,12 @@ const THUMBNAIL_STEP = 4;
  * happens where a camera does not wait; it gives the display, or null where it is not in view.
  * `correct` moves the display within its rectified image, from the next frame on. `setAside` has it
  * look elsewhere, too, with the next frame, because what is followed does not toggle, and is followed
- * no more where another display was found.
+ * no more where another display was found. `isIdle` says that it may pass over the next frames: it
+ * follows no display, and no search would be cut off.
  *
  * @typedef {object} DisplayTracker
  * @property {Layout} layout
+ * @property {boolean} isIdle
  * @property {(image: BytePlane, time: number, isLate?: boolean) => Tracked | null} follow
  * @property {(HOldFromNew: Float64Array) => void} correct
  * @property {(time: number, forget: boolean) => void} setAside
@@ -97,6 +99,11 @@ export class Tracker {
     this.layout = layout;
     this.#follower = new Follower(layout);
     this.#frameMs = frameMs;
+  }
+
+  /** A search begins again with the frame at hand. */
+  get isIdle() {
+    return this.#follower.corners === null;
   }
 
   /** Do nothing: the patches are seen in each frame, and say where the display lies. */

@@ -43,6 +43,10 @@ export class PilotTracker {
     return this.#follower.layout;
   }
 
+  get isIdle() {
+    return this.#follower.corners === null && this.#search.isIdle;
+  }
+
   /**
    * Move the display within its rectified image, from the next frame on.
    *
