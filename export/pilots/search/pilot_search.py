@@ -22,6 +22,7 @@ from export.pilots.clock import DisplayClock
 from export.pilots.search.film import HeldFrame
 from export.pilots.search.proposals import (
     CANDIDATES,
+    CLEAREST,
     FRAME_SHARE,
     PROMISING,
     STRONGEST,
@@ -192,7 +193,13 @@ class PilotSearch:
         others = [*outlines, *framed, *faint[CANDIDATES:]]
         if found := (yield from self._glance(others, proposer, watch)):
             return found
-        return (yield from self._fit(outlines, proposer, watch))
+        glances = proposer.glances()
+        for proposal in [proposal for evidence, proposal, _ in glances if evidence > HINT]:
+            if found := (yield from self._weigh_and_settle(proposal, watch)):
+                return found
+        tried = {id(quad) for quad in strongest}
+        clearest = [quad for _, _, quad in glances if id(quad) not in tried][:CLEAREST]
+        return (yield from self._fit([*clearest, *outlines], proposer, watch))
 
     def _glance(
         self, quads: Sequence[Array], proposer: Proposer, watch: Watch, count: int | None = None

@@ -28,6 +28,8 @@ LEAVING = 2
 STRONGEST = 2
 """Number of quadrilaterals, those of the strongest edges, that the pilots are fitted to before most
 others are glanced at; the strongest one of faint edges is another."""
+CLEAREST = 2
+"""Number of quadrilaterals, the clearest at a glance, that the pilots are fitted to at last."""
 FRAME_SHARE = 0.02
 """Width of a frame around the display, as a share of the display's sides: edges may be those of the
 frame, so quadrilaterals within them are glanced at, too."""
@@ -103,6 +105,7 @@ class Proposer:
         leaving = leaving_quads(watch.reference, LEAVING)
         self.edges: list[Array] = [*(candidate.corners for candidate in within), *leaving]
         """Quadrilaterals of edges, (4, 2) pixels of the reference, the strongest first."""
+        self._glances: dict[bytes, tuple[float, Proposal, Array]] = {}
 
     def faint_edges(self) -> list[Array]:
         """Propose quadrilaterals in the mean of all frames, its levels spread over the whole range.
@@ -139,7 +142,13 @@ class Proposer:
             turned = [np.roll(place, -turn, axis=0) for place in places]
             views = self._watch.map.views(turned, *self._finest)
             ways.append(self._surest(np.roll(quad, -turn, axis=0), views, self._layouts))
-        return max(ways, key=lambda way: way[0])
+        surest = max(ways, key=lambda way: way[0])
+        self._glances[quad.tobytes()] = *surest, quad
+        return surest
+
+    def glances(self) -> list[tuple[float, Proposal, Array]]:
+        """List what was seen last of each quadrilateral (`glance`), the clearest first."""
+        return sorted(self._glances.values(), key=lambda seen: -seen[0])
 
     def surest_in(self, corners: Array, layouts: Sequence[Layout]) -> tuple[float, Proposal]:
         """Choose the layout, upright or upside down, that is surest in small views of corners."""

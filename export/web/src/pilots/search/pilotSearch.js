@@ -19,8 +19,8 @@ import { pilotsSearchPilotSearch } from "../../generated/constants.js";
 import { candidateSteps, leavingSteps } from "../../locate/candidates.js";
 import { rolled } from "../../locate/quads.js";
 import {
-  CANDIDATES, FRAME_SHARE, GLANCE_WORK, LEAVING, NEXT_FRAME, PROMISING, Proposer, STRONGEST, inset,
-  weighSteps,
+  CANDIDATES, CLEAREST, FRAME_SHARE, GLANCE_WORK, LEAVING, NEXT_FRAME, PROMISING, Proposer, STRONGEST,
+  inset, weighSteps,
 } from "./proposals.js";
 import { HINT, settleSteps } from "./settle.js";
 import { Watch } from "./watch.js";
@@ -202,17 +202,23 @@ export class PilotSearch {
       if (found !== null) return found;
     }
     const faint = yield* proposer.faintEdges();
+    const strongest = [...edges.slice(0, STRONGEST), ...faint.slice(0, 1)];
     const soon =
       (yield* this.#glance(faint.slice(0, CANDIDATES), proposer, watch)) ??
-      (yield* this.#fit([...edges.slice(0, STRONGEST), ...faint.slice(0, 1)], proposer, watch));
+      (yield* this.#fit(strongest, proposer, watch));
     if (soon !== null) return soon;
     const outlines = yield* proposer.outlines();
     const framed = [...edges, ...faint.slice(0, CANDIDATES)].map((quad) => inset(quad, FRAME_SHARE));
     const others = [...outlines, ...framed, ...faint.slice(CANDIDATES)];
-    return (
-      (yield* this.#glance(others, proposer, watch)) ??
-      (yield* this.#fit(outlines, proposer, watch))
-    );
+    const later = yield* this.#glance(others, proposer, watch);
+    if (later !== null) return later;
+    const glances = proposer.glances();
+    for (const [, { proposal }] of glances.filter(([, { evidence }]) => evidence > HINT)) {
+      const found = yield* this.#weighAndSettle(proposal, watch);
+      if (found !== null) return found;
+    }
+    const untried = glances.map(([quad]) => quad).filter((quad) => !strongest.includes(quad));
+    return yield* this.#fit([...untried.slice(0, CLEAREST), ...outlines], proposer, watch);
   }
 
   /**

@@ -15,7 +15,7 @@ import { COARSE_SIZE, coarseShift, roughSeries, shiftedTogglings } from "./parts
 /** @typedef {import("./watch.js").Watch} Watch */
 
 export const {
-  CANDIDATES, FAINT_CANDIDATES, LEAVING, STRONGEST, FRAME_SHARE, STATES_HZ, PROMISING,
+  CANDIDATES, CLEAREST, FAINT_CANDIDATES, LEAVING, STRONGEST, FRAME_SHARE, STATES_HZ, PROMISING,
 } = pilotsSearchProposals;
 
 /** More units of work than a frame has room for: the next step needs the next frame. */
@@ -91,6 +91,8 @@ export class Proposer {
   #finest;
   /** Frequencies at which displays may toggle, in periods for each nominal frame. */
   #frequencies;
+  /** @type {Map<Point[], Glance>} */
+  #glances = new Map();
 
   /**
    * @param {Watch} watch - the film
@@ -141,7 +143,14 @@ export class Proposer {
       ways.push(this.#surest(rolled(quad, turn), views, this.#layouts));
       yield GLANCE_WORK / 2;
     }
-    return ways[0].evidence >= ways[1].evidence ? ways[0] : ways[1];
+    const surest = ways[0].evidence >= ways[1].evidence ? ways[0] : ways[1];
+    this.#glances.set(quad, surest);
+    return surest;
+  }
+
+  /** List what was seen last of each quadrilateral (`glanceSteps`), the clearest first. */
+  glances() {
+    return [...this.#glances].sort(([, one], [, other]) => other.evidence - one.evidence);
   }
 
   /**

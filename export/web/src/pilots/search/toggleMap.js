@@ -127,7 +127,8 @@ export class ToggleMap {
     let most = -Infinity;
     /** @type {Point[] | null} */
     let best = null;
-    const small = fitCopy({ width, height, data: gain });
+    const [across, down] = [width, height].map((side) => Math.max(1, roundHalfEven(side / FIT_PX)));
+    const small = resizeArea({ width, height, data: gain }, across, down);
     for (const start of outlines({ width, height, data: mask })) {
       const { corners, sum } = fittedOutline(start, small);
       if (sum <= most && best !== null) continue;
@@ -239,23 +240,10 @@ function outlines(mask) {
 }
 
 /**
- * Shrink a map to the copy to which outlines are fitted.
- *
- * @param {FloatPlane} gain
- * @returns {FloatPlane} `FIT_PX` times smaller
- */
-function fitCopy(gain) {
-  const [width, height] = [gain.width, gain.height].map((side) =>
-    Math.max(1, roundHalfEven(side / FIT_PX)),
-  );
-  return resizeArea(gain, width, height);
-}
-
-/**
  * Move the corners of a quadrilateral, one by one, while that adds to the sum within it.
  *
  * @param {Point[]} quad - pixels of the map
- * @param {FloatPlane} gain - what each pixel adds, of `fitCopy`
+ * @param {FloatPlane} gain - what each pixel adds, in a map `FIT_PX` times smaller
  */
 function fittedOutline(quad, gain) {
   const fitted = new Float64Array(8);
