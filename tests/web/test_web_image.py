@@ -38,6 +38,16 @@ def photo(height: int, width: int, rng: np.random.Generator) -> Image:
     return np.clip(60 + slope + 120 * noise, 0, 255).astype(np.uint8)
 
 
+@pytest.mark.parametrize("size", [(60, 84), (50, 71)])
+def test_levels_are_spread_in_the_whole_image_and_in_parts(
+    port: Port, rng: np.random.Generator, size: tuple[int, int]
+) -> None:
+    image, equalised = photo(*size, rng), port("image/levels.js").equalised
+    assert differences(equalised(image), cv2.equalizeHist(image))[0] == 0
+    parts = cv2.createCLAHE(12.0, (6, 6)).apply(image)
+    assert differences(equalised(image, 12.0, 6), parts)[0] <= within.ROUNDED_LEVELS
+
+
 def test_small_linear_algebra(port: Port, rng: np.random.Generator) -> None:
     A, b, linear = rng.normal(size=(8, 8)), rng.normal(size=8), port("link/linear.js")
     same(linear.solve(A, b), np.linalg.solve(A, b), within.FLOAT64)

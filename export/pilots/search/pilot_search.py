@@ -181,17 +181,18 @@ class PilotSearch:
             count = seen + watch.window // 4
             if found := (yield from self._glance(edges, proposer, watch, seen)):
                 return found
-        faint = proposer.faint_edges()
-        yield None
-        if found := (yield from self._glance(faint[:CANDIDATES], proposer, watch)):
-            return found
+        faint: list[Array] = []
+        for quads in proposer.faint_edges():
+            yield None
+            faint += quads
+            if found := (yield from self._glance(quads, proposer, watch)):
+                return found
         strongest = [*edges[:STRONGEST], *faint[:1]]
         if found := (yield from self._fit(strongest, proposer, watch)):
             return found
         outlines = yield from proposer.outlines()
         framed = [inset(quad, FRAME_SHARE) for quad in (*edges, *faint[:CANDIDATES])]
-        others = [*outlines, *framed, *faint[CANDIDATES:]]
-        if found := (yield from self._glance(others, proposer, watch)):
+        if found := (yield from self._glance([*outlines, *framed], proposer, watch)):
             return found
         glances = proposer.glances()
         for proposal in [proposal for evidence, proposal, _ in glances if evidence > HINT]:

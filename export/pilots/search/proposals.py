@@ -1,6 +1,6 @@
 """Where a display may be, what it may show, and how surely its pilots toggle there."""
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,9 +20,13 @@ from link.layout import Layout
 from link.pilot_code import PLAIN
 from link.types import Array, Corners
 
-CANDIDATES, FAINT_CANDIDATES = 6, 50
-"""Number of quadrilaterals made of edges that are glanced at first, and of those made of faint
-edges among which what toggles chooses."""
+CANDIDATES = 6
+"""Number of quadrilaterals that are made of the edges of an image."""
+LOCAL_LIMIT, LOCAL_PARTS = 12.0, 6
+"""Contrast limit, and number of parts along each side, of CLAHE (Zuiderveld 1994), which makes the
+histogram of each part of an image even."""
+BRIGHTER = (255 * (np.arange(256) / 255) ** 0.45).astype(np.uint8)
+"""Level in place of each gray level that makes dark ones brighter."""
 LEAVING = 2
 """Number of quadrilaterals of edges with a corner outside the image that are glanced at, too."""
 STRONGEST = 2
@@ -107,15 +111,20 @@ class Proposer:
         """Quadrilaterals of edges, (4, 2) pixels of the reference, the strongest first."""
         self._glances: dict[bytes, tuple[float, Proposal, Array]] = {}
 
-    def faint_edges(self) -> list[Array]:
-        """Propose quadrilaterals in the mean of all frames, its levels spread over the whole range.
+    def faint_edges(self) -> Iterator[list[Array]]:
+        """Propose quadrilaterals in the mean of all frames, which has less noise than a frame.
 
-        The mean has less noise than a frame, and its histogram, made even, shows the edges of a
-        dark picture in a dark frame.
+        Three changes of its levels show the edges of dark pictures in dark frames and beside bright
+        walls: its histogram made even, the same part by part, and dark levels made brighter.
+
+        Yields:
+            quadrilaterals by each of them, (4, 2) pixels of the reference, the strongest first.
         """
-        even = np.asarray(cv2.equalizeHist(self._watch.map.mean()), np.uint8)
-        found = display_candidates(even, FAINT_CANDIDATES)
-        return [self._watch.on_image(candidate.corners) for candidate in found]
+        mean = np.asarray(self._watch.map.mean(), np.uint8)
+        parts = cv2.createCLAHE(LOCAL_LIMIT, (LOCAL_PARTS, LOCAL_PARTS))
+        for even in (cv2.equalizeHist(mean), parts.apply(mean), cv2.LUT(mean, BRIGHTER)):
+            edges = display_candidates(np.asarray(even, np.uint8), CANDIDATES)
+            yield [self._watch.on_image(candidate.corners) for candidate in edges]
 
     def outlines(self) -> Generator[None, None, list[Array]]:
         """Propose quadrilaterals, (4, 2) pixels of the reference, that bound what toggles."""

@@ -292,7 +292,11 @@ PAGE void weightedMean(const Plane &images, const Plane &meshes, const Plane &to
   }
 }
 
-PAGE void equalised(const Plane &gray, const Plane &to) { equalizeHist(gray.mat(), to.mat()); }
+// In parts of the image, levels are spread by themselves, but none becomes too frequent.
+PAGE void equalised(const Plane &gray, double limit, int parts, const Plane &to) {
+  if (parts) createCLAHE(limit, Size(parts, parts))->apply(gray.mat(), to.mat());
+  else equalizeHist(gray.mat(), to.mat());
+}
 
 PAGE void stretched(const Plane &gray, double mean, double deviation, const Plane &to) {
   Scalar middle, spread;

@@ -22,10 +22,13 @@ export function stretched(image, mean, deviation) {
  * Spread gray levels over the whole range, so that all are about as frequent.
  *
  * @param {BytePlane} image
+ * @param {number} [limit] - of the contrast in a part
+ * @param {number} [parts] - along each side, of which each is changed by itself (CLAHE, Zuiderveld
+ *   1994); the image as a whole where absent
  * @returns {BytePlane}
  */
-export function equalised(image) {
+export function equalised(image, limit = 0, parts = 0) {
   const result = bytePlane(image.width, image.height);
-  call("equalised", [image], [result]);
+  call("equalised", [image, limit, parts], [result]);
   return result;
 }

@@ -201,16 +201,21 @@ export class PilotSearch {
       const found = yield* this.#glance(edges, proposer, watch, seen);
       if (found !== null) return found;
     }
-    const faint = yield* proposer.faintEdges();
+    /** @type {Point[][]} */
+    const faint = [];
+    for (const even of proposer.evenMeans()) {
+      const found = yield* candidateSteps(even, CANDIDATES);
+      const quads = found.map(({ corners }) => watch.onImage(corners));
+      faint.push(...quads);
+      const soon = yield* this.#glance(quads, proposer, watch);
+      if (soon !== null) return soon;
+    }
     const strongest = [...edges.slice(0, STRONGEST), ...faint.slice(0, 1)];
-    const soon =
-      (yield* this.#glance(faint.slice(0, CANDIDATES), proposer, watch)) ??
-      (yield* this.#fit(strongest, proposer, watch));
-    if (soon !== null) return soon;
+    const fitted = yield* this.#fit(strongest, proposer, watch);
+    if (fitted !== null) return fitted;
     const outlines = yield* proposer.outlines();
     const framed = [...edges, ...faint.slice(0, CANDIDATES)].map((quad) => inset(quad, FRAME_SHARE));
-    const others = [...outlines, ...framed, ...faint.slice(CANDIDATES)];
-    const later = yield* this.#glance(others, proposer, watch);
+    const later = yield* this.#glance([...outlines, ...framed], proposer, watch);
     if (later !== null) return later;
     const glances = proposer.glances();
     for (const [, { proposal }] of glances.filter(([, { evidence }]) => evidence > HINT)) {

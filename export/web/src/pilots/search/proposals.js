@@ -2,7 +2,6 @@
 
 import { pilotsSearchProposals } from "../../generated/constants.js";
 import { equalised } from "../../image/levels.js";
-import { candidateSteps } from "../../locate/candidates.js";
 import { frameCorners, homographyFromCorners, transform } from "../../link/geometry.js";
 import { rolled } from "../../locate/quads.js";
 import { movedCorners } from "../motion.js";
@@ -14,9 +13,9 @@ import { COARSE_SIZE, coarseShift, roughSeries, shiftedTogglings } from "./parts
 /** @typedef {import("./film.js").HeldFrame} HeldFrame */
 /** @typedef {import("./watch.js").Watch} Watch */
 
-export const {
-  CANDIDATES, CLEAREST, FAINT_CANDIDATES, LEAVING, STRONGEST, FRAME_SHARE, STATES_HZ, PROMISING,
-} = pilotsSearchProposals;
+export const { CANDIDATES, CLEAREST, LEAVING, STRONGEST, FRAME_SHARE, PROMISING } =
+  pilotsSearchProposals;
+const { BRIGHTER, LOCAL_LIMIT, LOCAL_PARTS, STATES_HZ } = pilotsSearchProposals;
 
 /** More units of work than a frame has room for: the next step needs the next frame. */
 export const NEXT_FRAME = Infinity;
@@ -189,15 +188,13 @@ export class Proposer {
   }
 
   /**
-   * Propose quadrilaterals in the mean of all frames, its levels spread over the whole range.
-   *
-   * The mean has less noise than a frame, and its histogram, made even, shows the edges of a dark
-   * picture in a dark frame.
+   * Change the levels of the mean of all frames, which has less noise than a frame, in the ways that
+   * show the edges of dark pictures in dark frames and beside bright walls.
    */
-  *faintEdges() {
-    const even = equalised(this.#watch.map.mean());
-    const found = yield* candidateSteps(even, FAINT_CANDIDATES);
-    return found.map(({ corners }) => this.#watch.onImage(corners));
+  evenMeans() {
+    const mean = this.#watch.map.mean();
+    const brighter = { ...mean, data: mean.data.map((level) => BRIGHTER[level]) };
+    return [equalised(mean), equalised(mean, LOCAL_LIMIT, LOCAL_PARTS), brighter];
   }
 
   /**
