@@ -101,7 +101,7 @@ export class Tracker {
     this.#frameMs = frameMs;
   }
 
-  /** A search begins again with the frame at hand. */
+  /** Whether no display is followed; a search can wait for its next frame. */
   get isIdle() {
     return this.#follower.corners === null;
   }

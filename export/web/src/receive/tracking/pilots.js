@@ -43,6 +43,7 @@ export class PilotTracker {
     return this.#follower.layout;
   }
 
+  /** Whether no display is followed, and no search has begun. */
   get isIdle() {
     return this.#follower.corners === null && this.#search.isIdle;
   }
