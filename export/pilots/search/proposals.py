@@ -18,15 +18,13 @@ from export.pilots.toggling import TogglePattern, Wave, find_toggling
 from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import Layout
 from link.pilot_code import PLAIN
-from link.types import Array, Corners
+from link.types import Array, Corners, Gray
 
 CANDIDATES = 6
 """Number of quadrilaterals that are made of the edges of an image."""
-LOCAL_LIMIT, LOCAL_PARTS = 12.0, 6
-"""Contrast limit, and number of parts along each side, of CLAHE (Zuiderveld 1994), which makes the
-histogram of each part of an image even."""
-BRIGHTER = (255 * (np.arange(256) / 255) ** 0.45).astype(np.uint8)
-"""Level in place of each gray level that makes dark ones brighter."""
+BRIGHT_PX, DARK_PX = 13, 9
+"""Sides of the squares, in pixels of the map of what toggles, below which bright details of the
+picture are taken off before dark ones, and dark ones before bright ones."""
 LEAVING = 2
 """Number of quadrilaterals of edges with a corner outside the image that are glanced at, too."""
 STRONGEST = 2
@@ -114,17 +112,20 @@ class Proposer:
     def faint_edges(self) -> Iterator[list[Array]]:
         """Propose quadrilaterals in the mean of all frames, which has less noise than a frame.
 
-        Three changes of its levels show the edges of dark pictures in dark frames and beside bright
-        walls: its histogram made even, the same part by part, and dark levels made brighter.
+        Its histogram is made even, which shows the edges of dark pictures. It is looked at as it
+        is, and twice without details, such as letters or a map's streets, whose edges would hide
+        those of the display.
 
         Yields:
-            quadrilaterals by each of them, (4, 2) pixels of the reference, the strongest first.
+            quadrilaterals in each of them, (4, 2) pixels of the reference, the strongest first.
         """
         mean = np.asarray(self._watch.map.mean(), np.uint8)
-        parts = cv2.createCLAHE(LOCAL_LIMIT, (LOCAL_PARTS, LOCAL_PARTS))
-        for even in (cv2.equalizeHist(mean), parts.apply(mean), cv2.LUT(mean, BRIGHTER)):
-            edges = display_candidates(np.asarray(even, np.uint8), CANDIDATES)
-            yield [self._watch.on_image(candidate.corners) for candidate in edges]
+        bright_first = _without_details(mean, BRIGHT_PX, (cv2.MORPH_OPEN, cv2.MORPH_CLOSE))
+        dark_first = _without_details(mean, DARK_PX, (cv2.MORPH_CLOSE, cv2.MORPH_OPEN))
+        for shown in (mean, bright_first, dark_first):
+            even = np.asarray(cv2.equalizeHist(shown), np.uint8)
+            found = display_candidates(even, CANDIDATES)
+            yield [self._watch.on_image(candidate.corners) for candidate in found]
 
     def outlines(self) -> Generator[None, None, list[Array]]:
         """Propose quadrilaterals, (4, 2) pixels of the reference, that bound what toggles."""
@@ -209,6 +210,14 @@ class Proposer:
                         corners = np.roll(moved_corners(quad, fit[0], layout), -turn, axis=0)
                         best = fit[1], Proposal(corners, layout, toggling)
         return None if best is None else best[1]
+
+
+def _without_details(gray: Gray, side: int, ways: tuple[int, int]) -> Gray:
+    """Take details off an image that are smaller than a square, by opening and closing."""
+    square = np.ones((side, side), np.uint8)
+    for way in ways:
+        gray = np.asarray(cv2.morphologyEx(gray, way, square), np.uint8)
+    return gray
 
 
 def inset(quad: Array, share: float) -> Array:

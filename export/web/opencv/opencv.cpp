@@ -292,10 +292,13 @@ PAGE void weightedMean(const Plane &images, const Plane &meshes, const Plane &to
   }
 }
 
-// In parts of the image, levels are spread by themselves, but none becomes too frequent.
-PAGE void equalised(const Plane &gray, double limit, int parts, const Plane &to) {
-  if (parts) createCLAHE(limit, Size(parts, parts))->apply(gray.mat(), to.mat());
-  else equalizeHist(gray.mat(), to.mat());
+PAGE void equalised(const Plane &gray, const Plane &to) { equalizeHist(gray.mat(), to.mat()); }
+
+// Takes off details that are smaller than a square: bright ones first, or dark ones.
+PAGE void withoutDetails(const Plane &gray, int side, int brightFirst, const Plane &to) {
+  const Mat square = Mat::ones(side, side, CV_8U);
+  morphologyEx(gray.mat(), to.mat(), brightFirst ? MORPH_OPEN : MORPH_CLOSE, square);
+  morphologyEx(to.mat(), to.mat(), brightFirst ? MORPH_CLOSE : MORPH_OPEN, square);
 }
 
 PAGE void stretched(const Plane &gray, double mean, double deviation, const Plane &to) {

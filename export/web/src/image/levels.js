@@ -1,4 +1,4 @@
-/** Gray levels of an image, changed all alike. */
+/** Gray levels of an image, changed. */
 
 import { bytePlane, call } from "./opencv.js";
 
@@ -22,13 +22,22 @@ export function stretched(image, mean, deviation) {
  * Spread gray levels over the whole range, so that all are about as frequent.
  *
  * @param {BytePlane} image
- * @param {number} [limit] - of the contrast in a part
- * @param {number} [parts] - along each side, of which each is changed by itself (CLAHE, Zuiderveld
- *   1994); the image as a whole where absent
- * @returns {BytePlane}
  */
-export function equalised(image, limit = 0, parts = 0) {
+export function equalised(image) {
   const result = bytePlane(image.width, image.height);
-  call("equalised", [image, limit, parts], [result]);
+  call("equalised", [image], [result]);
+  return result;
+}
+
+/**
+ * Take off details that are smaller than a square, by opening and closing.
+ *
+ * @param {BytePlane} image
+ * @param {number} side - of the square, pixels
+ * @param {boolean} brightFirst - whether bright ones go before dark ones
+ */
+export function withoutDetails(image, side, brightFirst) {
+  const result = bytePlane(image.width, image.height);
+  call("withoutDetails", [image, side, Number(brightFirst)], [result]);
   return result;
 }

@@ -40,8 +40,7 @@ export class Receiver {
   /** Whether frames were missing, as happens where a camera does not wait for the receiver. */
   #isLate = false;
   #repeats = new Repeats();
-  #rests = new Rests();
-  #mayRest;
+  #rests;
   #sight = new Sight();
   /** @type {Tracked | null} */
   #tracked = null;
@@ -75,7 +74,7 @@ export class Receiver {
     /** Number of frames taken. */
     this.frames = 0;
     this.#fps = fps;
-    this.#mayRest = mayRest;
+    this.#rests = mayRest ? new Rests() : null;
     this.#trackers = makeTrackers(layouts, fps, frameMs);
     const readers = decoders.map(
       (decoder) => new DisplayReader(decoder, fps, this.timing, this.#sight, film),
@@ -184,8 +183,8 @@ export class Receiver {
   #find(frame, time) {
     const followed = this.#following;
     const isIdle = this.#trackers.every((tracker) => tracker.isIdle);
-    if (followed !== null || !this.#mayRest) this.#rests.wake(time);
-    if (this.#rests.passes(time, this.#repeats.change, isIdle)) return null;
+    if (followed !== null) this.#rests?.wake(time);
+    if (this.#rests?.passes(time, this.#repeats.change, isIdle)) return null;
     this.#following = null;
     const isStill = followed !== null && this.#standsStill(followed, time);
     if (isStill) followed.setAside(time, false);

@@ -201,8 +201,7 @@ export class PilotSearch {
       const found = yield* this.#glance(edges, proposer, watch, seen);
       if (found !== null) return found;
     }
-    /** @type {Point[][]} */
-    const faint = [];
+    const faint = /** @type {Point[][]} */ ([]);
     for (const even of proposer.evenMeans()) {
       const found = yield* candidateSteps(even, CANDIDATES);
       const quads = found.map(({ corners }) => watch.onImage(corners));

@@ -1,7 +1,7 @@
 /** Where a display may be, what it may show, and how surely its pilots toggle there. */
 
 import { pilotsSearchProposals } from "../../generated/constants.js";
-import { equalised } from "../../image/levels.js";
+import { equalised, withoutDetails } from "../../image/levels.js";
 import { frameCorners, homographyFromCorners, transform } from "../../link/geometry.js";
 import { rolled } from "../../locate/quads.js";
 import { movedCorners } from "../motion.js";
@@ -15,7 +15,7 @@ import { COARSE_SIZE, coarseShift, roughSeries, shiftedTogglings } from "./parts
 
 export const { CANDIDATES, CLEAREST, LEAVING, STRONGEST, FRAME_SHARE, PROMISING } =
   pilotsSearchProposals;
-const { BRIGHTER, LOCAL_LIMIT, LOCAL_PARTS, STATES_HZ } = pilotsSearchProposals;
+const { BRIGHT_PX, DARK_PX, STATES_HZ } = pilotsSearchProposals;
 
 /** More units of work than a frame has room for: the next step needs the next frame. */
 export const NEXT_FRAME = Infinity;
@@ -69,15 +69,8 @@ export function* weighSteps({ corners, layout, toggling }, frames, fps, known = 
   return findToggling(values, layout, positions(frames), fps);
 }
 
-/**
- * List the positions of frames.
- *
- * @param {readonly HeldFrame[]} frames
- * @returns {number[]}
- */
-export function positions(frames) {
-  return frames.map(({ at }) => at);
-}
+/** List the positions of frames. @type {(frames: readonly HeldFrame[]) => number[]} */
+export const positions = (frames) => frames.map(({ at }) => at);
 
 /**
  * Proposes where the display may be in a film, and what it may show. Quadrilaterals of edges in the
@@ -188,13 +181,13 @@ export class Proposer {
   }
 
   /**
-   * Change the levels of the mean of all frames, which has less noise than a frame, in the ways that
-   * show the edges of dark pictures in dark frames and beside bright walls.
+   * Show the mean of all frames, its histogram made even: as it is, and twice without details, whose
+   * edges would hide those of the display.
    */
   evenMeans() {
     const mean = this.#watch.map.mean();
-    const brighter = { ...mean, data: mean.data.map((level) => BRIGHTER[level]) };
-    return [equalised(mean), equalised(mean, LOCAL_LIMIT, LOCAL_PARTS), brighter];
+    const plain = [withoutDetails(mean, BRIGHT_PX, true), withoutDetails(mean, DARK_PX, false)];
+    return [mean, ...plain].map((shown) => equalised(shown));
   }
 
   /**
