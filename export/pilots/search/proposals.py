@@ -120,10 +120,9 @@ class Proposer:
             quadrilaterals in each of them, (4, 2) pixels of the reference, the strongest first.
         """
         mean = np.asarray(self._watch.map.mean(), np.uint8)
-        bright_first = _without_details(mean, BRIGHT_PX, (cv2.MORPH_OPEN, cv2.MORPH_CLOSE))
-        dark_first = _without_details(mean, DARK_PX, (cv2.MORPH_CLOSE, cv2.MORPH_OPEN))
-        for shown in (mean, bright_first, dark_first):
-            even = np.asarray(cv2.equalizeHist(shown), np.uint8)
+        bright_first = cv2.MORPH_OPEN, cv2.MORPH_CLOSE
+        for side, ways in ((1, ()), (BRIGHT_PX, bright_first), (DARK_PX, bright_first[::-1])):
+            even = np.asarray(cv2.equalizeHist(_without_details(mean, side, ways)), np.uint8)
             found = display_candidates(even, CANDIDATES)
             yield [self._watch.on_image(candidate.corners) for candidate in found]
 
@@ -212,7 +211,7 @@ class Proposer:
         return None if best is None else best[1]
 
 
-def _without_details(gray: Gray, side: int, ways: tuple[int, int]) -> Gray:
+def _without_details(gray: Gray, side: int, ways: Sequence[int]) -> Gray:
     """Take details off an image that are smaller than a square, by opening and closing."""
     square = np.ones((side, side), np.uint8)
     for way in ways:

@@ -1,6 +1,7 @@
 """When each camera frame was taken: times of files, numbers of folders, and repeated frames."""
 
 import os
+from collections import Counter
 from fractions import Fraction
 from pathlib import Path
 
@@ -252,32 +253,32 @@ def test_a_recording_of_the_screen_is_read() -> None:
 
 @pytest.mark.slow
 def test_missing_and_repeated_frames_cost_nothing(tmp_path: Path) -> None:
-    states = states_of(TEXT, LAYOUT, np.random.default_rng(5))
-    stream, rng = Stream(noise=1.5, size=(320, 240)), np.random.default_rng(2)
-    film = [image for _, image, _ in stream.frames(states, 4, rng)]
+    """Errors are counted over four draws of the noise: of one draw, they differ by more."""
+    states, bits = states_of(TEXT, LAYOUT, np.random.default_rng(5)), encode(TEXT, LAYOUT.n_bits)
     struck = range(22, 120, 16)  # one in twenty
-    every = list(range(len(film)))
+    every = list(range(120))
     kept = [number for number in every if number not in struck]
     repeated = [number - (number in struck) for number in every]
-    shares, receivers = {}, {}
-    for name, shown, times in (
-        ("whole", every, every),
-        ("missing", kept, kept),
-        ("repeated", repeated, every),
-    ):
-        images, seconds = [film[number] for number in shown], [number / 30 for number in times]
-        phone = {"b": "8000000", "bf": "0", "preset": "veryfast"}
-        source = open_source(str(write_timed(tmp_path / f"{name}.mp4", images, seconds, **phone)))
-        bits = encode(TEXT, LAYOUT.n_bits)
-        receiver = Receiver(Decoder(PRETRAINED / "decoder.onnx"), source.fps)
-        wrong = decided = 0
-        for frame in source.frames:
-            for pair in receiver.push(frame.image, frame.time).pairs:
-                known = pair.soft.scores != 0
-                wrong += int(((pair.soft.scores > 0) != bits)[:, known].sum(axis=1).min())
-                decided += int(known.sum())
-        assert decided > 15 * LAYOUT.n_bits
-        shares[name], receivers[name] = wrong / decided, receiver
-    assert max(shares.values()) <= 0.03  # 0.4 to 2.8 per cent in four draws of the noise
-    skipped = receivers["repeated"].frames - receivers["repeated"].timing.count["track"]
-    assert skipped >= 0.8 * len(struck)
+    shown = {"whole": (every, every), "missing": (kept, kept), "repeated": (repeated, every)}
+    wrong, decided = Counter[str](), Counter[str]()
+    for seed in range(4):
+        stream, rng = Stream(noise=1.5, size=(320, 240)), np.random.default_rng(seed)
+        film = [image for _, image, _ in stream.frames(states, 4, rng)]
+        for name, (numbers, times) in shown.items():
+            images, seconds = [film[number] for number in numbers], [at / 30 for at in times]
+            phone = {"b": "8000000", "bf": "0", "preset": "veryfast"}
+            path = write_timed(tmp_path / f"{name}{seed}.mp4", images, seconds, **phone)
+            source = open_source(str(path))
+            receiver = Receiver(Decoder(PRETRAINED / "decoder.onnx"), source.fps)
+            before = decided[name]
+            for frame in source.frames:
+                for pair in receiver.push(frame.image, frame.time).pairs:
+                    known = pair.soft.scores != 0
+                    wrong[name] += int(((pair.soft.scores > 0) != bits)[:, known].sum(axis=1).min())
+                    decided[name] += int(known.sum())
+            assert decided[name] - before > 15 * LAYOUT.n_bits
+            if name == "repeated":
+                skipped = receiver.frames - receiver.timing.count["track"]
+                assert skipped >= 0.8 * len(struck)
+    shares = {name: wrong[name] / decided[name] for name in shown}
+    assert max(shares.values()) <= shares["whole"] + 0.005  # wrong times of the frames cost 0.013

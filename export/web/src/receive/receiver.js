@@ -182,9 +182,11 @@ export class Receiver {
    */
   #find(frame, time) {
     const followed = this.#following;
-    const isIdle = this.#trackers.every((tracker) => tracker.isIdle);
     if (followed !== null) this.#rests?.wake(time);
-    if (this.#rests?.passes(time, this.#repeats.change, isIdle)) return null;
+    else if (this.#rests !== null) {
+      const isIdle = this.#trackers.every((tracker) => tracker.isIdle);
+      if (this.#rests.passes(time, this.#repeats.change, isIdle)) return null;
+    }
     this.#following = null;
     const isStill = followed !== null && this.#standsStill(followed, time);
     if (isStill) followed.setAside(time, false);

@@ -26,15 +26,26 @@ const LEAST_VARIANCE = 0.05;
 
 /** Compares each frame with the one before. */
 export class Repeats {
+  /** @type {Cells | null} */
+  #before = null;
+  /** @type {ReturnType<typeof differences> | null} */
+  #newest = null;
+  /** Differences of the last frames at each of `QUANTILES`. @type {number[][]} */
+  #changes = [];
+
   /**
    * By how much the newest frame differs from the one before: the square of the mean difference in a
    * cell, in those of its noise alone; nine tenths of the cells differ by less.
    */
-  change = 0;
-  /** @type {Cells | null} */
-  #before = null;
-  /** Differences of the last frames at each of `QUANTILES`. @type {number[][]} */
-  #changes = [];
+  get change() {
+    if (this.#newest === null) return 0;
+    const { spread, means, area } = this.#newest;
+    const usual = median(means);
+    return quantile(
+      means.map((mean, i) => (area * (mean - usual) ** 2) / (spread[i] ** 2 + LEAST_VARIANCE)),
+      CHANGED,
+    );
+  }
 
   /**
    * Tell whether a frame shows again what the frame before showed.
@@ -55,12 +66,8 @@ export class Repeats {
       this.#changes = [];
       return false;
     }
-    const { spread, means } = differences(now, before);
-    const usualMean = median(means);
-    const changes = means.map(
-      (value, i) => (now.area * (value - usualMean) ** 2) / (spread[i] ** 2 + LEAST_VARIANCE),
-    );
-    this.change = quantile(changes, CHANGED);
+    this.#newest = differences(now, before);
+    const { spread } = this.#newest;
     const change = QUANTILES.map((share) => quantile(spread, share));
     if (this.#changes.length >= FIRST) {
       const usual = QUANTILES.map((_, i) => median(this.#changes.map((values) => values[i])));
@@ -106,7 +113,8 @@ function sampleCells({ width, height, data }) {
  *
  * @param {Cells} now
  * @param {Cells} before
- * @returns {{ spread: Float64Array, means: Float64Array }} gray levels
+ * @returns {{ spread: Float64Array, means: Float64Array, area: number }} gray levels, and pixels of a
+ *   cell
  */
 function differences(now, before) {
   const spread = new Float64Array(now.cells);
@@ -122,5 +130,5 @@ function differences(now, before) {
     const mean = (means[cell] = sum / now.area);
     spread[cell] = Math.sqrt(Math.max(0, squares / now.area - mean * mean));
   }
-  return { spread, means };
+  return { spread, means, area: now.area };
 }

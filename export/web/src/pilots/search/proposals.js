@@ -184,10 +184,11 @@ export class Proposer {
    * Show the mean of all frames, its histogram made even: as it is, and twice without details, whose
    * edges would hide those of the display.
    */
-  evenMeans() {
+  *evenMeans() {
     const mean = this.#watch.map.mean();
-    const plain = [withoutDetails(mean, BRIGHT_PX, true), withoutDetails(mean, DARK_PX, false)];
-    return [mean, ...plain].map((shown) => equalised(shown));
+    yield equalised(mean);
+    yield equalised(withoutDetails(mean, BRIGHT_PX, true));
+    yield equalised(withoutDetails(mean, DARK_PX, false));
   }
 
   /**
