@@ -11,6 +11,7 @@ The signs are no sequence of maximal length, since such a sequence is its own ha
 sees every second frame pair would see the same code, shifted.
 """
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -25,6 +26,14 @@ MOST_PERIOD = 1023
 """Largest period of a code, frame pairs."""
 GENERATOR = "splitmix64"
 """Name of the generator of a code's signs (`link.code.scrambled`)."""
+STATE_HZ = (
+    *(15, 24, 25, 30, 36, 37.5, 45, 48, 50, 60),
+    *(200 / 3, 70, 72, 75, 82.5, 85, 90, 100, 120, 144),
+)
+"""Numbers of states a second at which receivers look for a code: refresh rates of displays, and
+whole parts of them."""
+RATE_ERROR = 0.005
+"""Share by which a display's number of states a second may differ from the next of these."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +61,20 @@ class PilotCode:
             raise InputError(f"code: need a period of 1 to {MOST_PERIOD}, got {self.period}")
         if not 0 <= self.seed <= 2**32:
             raise InputError(f"code: need a seed of 0 to 2**32, got {self.seed}")
+
+    def check_rate(self, state_hz: float) -> None:
+        """Raise an `InputError` where receivers do not look for the code at this rate.
+
+        Args:
+            state_hz: number of states that the display shows in a second.
+        """
+        if self != PLAIN and not any(
+            math.isclose(state_hz, known, rel_tol=RATE_ERROR) for known in STATE_HZ
+        ):
+            rates = ", ".join(f"{known:g}" for known in STATE_HZ)
+            raise InputError(
+                f"{state_hz:g} states a second: receivers find the code of this layout at {rates}"
+            )
 
     @cached_property
     def signs(self) -> NDArray[np.intp]:

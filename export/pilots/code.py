@@ -13,11 +13,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from export.pilots.clock import DisplayClock, embedded_share
-from link.pilot_code import PilotCode
+from link.pilot_code import STATE_HZ, PilotCode
 from link.types import Array
 
-STATE_HZ = (24, 25, 30, 36, 37.5, 45, 48, 50, 60, 72, 75, 90, 100, 120, 144)
-"""Numbers of states a second that are tried: refresh rates of displays, and whole parts of them."""
 MOST_STATE_HZ = 150.0
 """Largest number of states a second, a little more than the largest that is tried."""
 CLOCK_ERROR = 0.01

@@ -245,6 +245,7 @@ def main() -> None:
     distance = preset.distance_m if args.distance is None else args.distance
     onlooker = Onlooker(args.diagonal, args.luminance, distance)
     state_hz = states_per_second(preset.state_hz, args.hold, args.refresh, args.state_hz, kind)
+    layout.code.check_rate(state_hz)
     pictures = open_pictures(args.pictures, state_hz / 2, args.max_megapixels)
     protected = protected_message(message, args.key, args.counter)
     given = "message" if args.file is None else "file"

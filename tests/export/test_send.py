@@ -639,3 +639,15 @@ def test_a_video_that_does_not_read_back_bit_for_bit_is_refused(
     monkeypatch.setattr("link.images.video.LOSSLESS", "none")
     with pytest.raises(InputError, match="cannot write none video"):
         write_video(tmp_path / "y.avi", iter([noise(80, 120)]), 15)
+
+
+DISPLAYS_HZ = (48, 50, 59.94, 60, 72, 75, 85, 90, 100, 120, 144, 165, 170, 200, 240, 280, 360)
+"""Refresh rates of displays that are sold."""
+
+
+@cases(*DISPLAYS_HZ)
+def test_receivers_know_the_rate_at_which_a_display_shows_a_code(refresh: float) -> None:
+    preset = PRESETS["hidden"]
+    preset.layout.code.check_rate(
+        send_cli.states_per_second(preset.state_hz, None, refresh, None, ".html")
+    )

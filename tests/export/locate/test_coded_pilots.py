@@ -5,11 +5,11 @@ import pytest
 from pilot_films import FINE, filmed, leaving
 
 from export.pilots.clock import DisplayClock, embedded_share
-from export.pilots.code import MOST_STEPS, PHASES, SLOPES, STATE_HZ, CodeSearch
+from export.pilots.code import MOST_STEPS, PHASES, SLOPES, CodeSearch
 from export.pilots.search.pilot_search import PilotSearch
 from export.pilots.signal import pilot_centres, pilot_signs
 from link.layout import Layout, make_layout
-from link.pilot_code import PLAIN, PilotCode
+from link.pilot_code import PLAIN, STATE_HZ, PilotCode
 from link.types import Array
 
 CODE = PilotCode()

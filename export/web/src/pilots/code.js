@@ -6,14 +6,15 @@
  * each moment of the code, whatever the rate of the camera, and all of them are tried.
  */
 
-import { pilotsCode } from "../generated/constants.js";
+import { pilotCode, pilotsCode } from "../generated/constants.js";
 import { call, floatPlane } from "../image/opencv.js";
 import { roundHalfEven } from "../image/round.js";
 import { dot } from "../link/linear.js";
 import { CLOCK_NUMBERS, DisplayClock, embeddedShare } from "./clock.js";
 import { lengthOf, takeOut } from "./waves.js";
 
-const { STATE_HZ, CLOCK_ERROR, MOST_STEPS, PHASES, SLOPES, NO_SLOPE, SIDES } = pilotsCode;
+const { STATE_HZ } = pilotCode;
+const { CLOCK_ERROR, MOST_STEPS, PHASES, SLOPES, NO_SLOPE, SIDES } = pilotsCode;
 const { COMPARED, RIVAL, OPEN, SURER, DRIFT } = pilotsCode;
 export const { MOST_STATE_HZ } = pilotsCode;
 
