@@ -8,7 +8,6 @@
  */
 
 import { images, receiveReceiver } from "../generated/constants.js";
-import { MISSING } from "../pilots/search/pilotSearch.js";
 import { DisplayReader } from "./reading/reader.js";
 import { Repeats } from "./repeats.js";
 import { Rests } from "./rests.js";
@@ -24,6 +23,8 @@ import { PilotTracker } from "./tracking/pilots.js";
 
 export const { MIN_SIDE_PX } = images;
 export const { STILL_S, STILL_FRAMES } = receiveReceiver;
+/** Number of nominal frames from one frame to the next above which a frame is missing. */
+const MISSING = 1.5;
 
 /**
  * What one camera frame brought: the display, or null where it was not found, frame pairs that

@@ -41,10 +41,11 @@ export const FRAME_WORK = 44;
  * frames were missed, it alone bounds the work.
  */
 export const FRAME_MS = 200;
-/** Number of nominal frames from one frame to the next above which a frame is missing. */
-export const MISSING = 1.5;
-/** Units of work of the first watched frame. */
-const BEGIN_WORK = 6;
+/**
+ * Share of the time from one frame to the next in which such a camera's frames are searched while
+ * others are still to be watched: what is missed then cannot be watched any more.
+ */
+const SPARE = 0.4;
 
 /**
  * A display that its pilots have given away: the layout that it shows, one of those that were
@@ -69,10 +70,8 @@ const BEGIN_WORK = 6;
 export class PilotSearch {
   /** Whether displays are looked for whose picture moves (`doubtPicture`). */
   pictureMoves = false;
-  /** Whether frames were missing, as happens where a camera does not wait for the search. */
+  /** Whether a camera does not wait for the search. */
   #isLate = false;
-  /** Time of the newest frame, seconds. */
-  #last = NaN;
   /** Number of searches in vain since a display was found. */
   #failed = 0;
   /** Largest evidence of a quadrilateral in this search, before it pays. */
@@ -89,8 +88,8 @@ export class PilotSearch {
   /**
    * @param {readonly Layout[]} layouts - those that are looked for, at least one, each with pilots
    * @param {number} [fps] - nominal number of frames of the camera in a second; some may be missing
-   * @param {number} [frameMs] - time after which no step is begun with a frame, milliseconds, such
-   *   as `FRAME_MS`; of films, which wait, it counts only until quadrilaterals are watched
+   * @param {number} [frameMs] - time after which no step is begun with a frame of a camera that does
+   *   not wait, milliseconds, such as `FRAME_MS`
    */
   constructor(layouts, fps = 30, frameMs = Infinity) {
     if (layouts.length === 0 || layouts.some((layout) => layout.pilotBlocks.length === 0)) {
@@ -111,13 +110,13 @@ export class PilotSearch {
    *
    * @param {BytePlane} gray - it may be kept, so it must not change afterwards
    * @param {number} time - of the frame, seconds; rising from frame to frame
+   * @param {boolean} [isLate] - whether frames were missed, because the camera does not wait
    * @returns {PilotDisplay | null} the display once it is sure
    */
-  push(gray, time) {
-    const until = performance.now() + this.frameMs;
+  push(gray, time, isLate = false) {
+    const start = performance.now();
+    this.#isLate = isLate;
     const watch = this.#watch;
-    if (watch !== null && (time - this.#last) * this.fps > MISSING) this.#isLate = true;
-    this.#last = time;
     let isFollowed = watch !== null && watch.take(gray, time);
     if (watch !== null && isFollowed && !watch.isInView()) {
       this.#giveUp();
@@ -131,18 +130,19 @@ export class PilotSearch {
       this.#surestSeen = this.#spent = 0;
       return null;
     }
-    const isWatching = watch.frames.length > 0 && watch.frames.length < watch.window;
-    if (isWatching) watch.add();
+    if (watch.frames.length === 0) watch.add(watch.held[0]);
+    const isWatching = watch.frames.length < watch.window;
+    if (isWatching) watch.add(watch.newest);
     this.#work ??= this.#search(watch);
     const share = FRAME_WORK * Math.max(1, Math.round(STEPS_HZ / this.fps));
-    const most = this.#isLate ? Infinity : share; // time ends the work there
-    // what a camera that does not wait shows is looked at once all of it is there
-    let work = this.#isLate && isWatching ? Infinity : 0;
+    const most = isLate ? Infinity : share; // time ends the work there
+    const until = start + (isWatching ? (SPARE * 1000) / this.fps : this.frameMs);
+    let work = 0;
     while (work < most) {
       const step = this.#work.next();
       if (!step.done) {
         work += step.value;
-        if ((this.#isLate || watch.frames.length === 0) && performance.now() >= until) break;
+        if (isLate && performance.now() >= until) break;
         continue;
       }
       if (step.value === null) return this.#fail();
@@ -157,7 +157,7 @@ export class PilotSearch {
     }
     this.#spent += work === Infinity ? 1 : Math.min(work, most) / share;
     const patience = PATIENCE_S * 2 ** Math.min(Math.floor(this.#failed / 2), MOST_DOUBLED);
-    const mustGoOn = this.#isLate && this.#isSettling;
+    const mustGoOn = isLate && this.#isSettling;
     return this.#spent > patience * this.fps && !mustGoOn ? this.#fail() : null;
   }
 
@@ -189,11 +189,10 @@ export class PilotSearch {
     const leaving = yield* leavingSteps(watch.reference, LEAVING);
     const edges = [...within.map((edge) => edge.corners), ...leaving];
     const proposer = new Proposer(watch, this.layouts);
-    yield BEGIN_WORK;
-    watch.add();
     const quarter = Math.floor(watch.window / 4);
     for (let count = 2 * quarter, seen = 0; seen < watch.window; count = seen + quarter) {
-      while (watch.frames.length < Math.min(count, watch.window)) {
+      // what a camera that does not wait shows is looked at once all of it is there
+      while (watch.frames.length < (this.#isLate ? watch.window : Math.min(count, watch.window))) {
         for (const quad of edges) watch.places(quad, watch.frames.length); // each frame its share
         yield NEXT_FRAME;
       }

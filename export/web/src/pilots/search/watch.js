@@ -18,7 +18,7 @@ export class Watch {
   #most;
   /** Places of corners that follow their own motion, by corners. @type {Map<Point[], Point[][]>} */
   #own = new Map();
-  /** Frames watched so far; none before the edges of the reference are known. @type {HeldFrame[]} */
+  /** Frames watched so far, the reference among them. @type {HeldFrame[]} */
   frames = [];
   /** Number of frames after the reference. */
   seen = 0;
@@ -87,12 +87,15 @@ export class Watch {
     return seen.filter(Boolean).length >= IN_VIEW * places.length;
   }
 
-  /** Watch the newest frame. */
-  add() {
-    const { newest } = this;
-    this.frames.push(newest);
-    const still = this.#stabiliser.still(newest.gray, newest.HFrameFromReference);
-    this.map.add(still, newest.at);
+  /**
+   * Watch a frame.
+   *
+   * @param {HeldFrame} frame
+   */
+  add(frame) {
+    this.frames.push(frame);
+    const still = this.#stabiliser.still(frame.gray, frame.HFrameFromReference);
+    this.map.add(still, frame.at);
   }
 
   /**
