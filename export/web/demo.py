@@ -1,4 +1,4 @@
-"""Draw what comes with the pages: pictures to send, what happens in pictures, a film to read."""
+"""Draw what comes with the pages: pictures to send, a film to read, and what people see of both."""
 
 from pathlib import Path
 
@@ -6,12 +6,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from export.send.hiding import Hiding, Onlooker
+from export.send.player import write_player
 from link.code.framing import encode
 from link.embed import embed
 from link.geometry import homography_from_corners
 from link.images import fit_picture, make_folder, write_image
 from link.loop import Loop, LoopStates
-from link.presets import PRESETS
+from link.presets import PRESETS, Preset
 
 PRESET, MESSAGE = PRESETS["robust"], "You have just read a display. Now send something yourself."
 """What the film shows, and its message."""
@@ -31,12 +33,14 @@ ROOM, OUTLINE = (60, 62, 68), (53, 211, 154)
 """Red, green and blue of what surrounds the display, and of the line around one that was found."""
 SHOWN_PX = (320, 240)
 """Width and height, in pixels, of the pictures."""
+BESIDE = ("robust", "hidden")
+"""Presets that are shown beside each other, so that people see how much each of them flickers."""
 
 
 def draw_hills(*colours: tuple[int, int, int]) -> NDArray[np.uint8]:
-    """Draw hills under a sun, (720, 960, 3) uint8, encoded RGB, in colours as in `HILLS`."""
+    """Draw hills under a sun, (600, 800, 3) uint8, encoded RGB, in colours as in `HILLS`."""
     sky, horizon, sun, hill = np.array(colours, np.float64)
-    y, x = np.mgrid[0:1:720j, 0 : 4 / 3 : 960j]
+    y, x = np.mgrid[0:1:600j, 0 : 4 / 3 : 800j]
     drawn = sky + y[:, :, None] * (horizon - sky)
     drawn[np.hypot(x - 0.93, y - 0.32) < 0.09] = sun
     for row in range(4):
@@ -49,7 +53,7 @@ def draw_hills(*colours: tuple[int, int, int]) -> NDArray[np.uint8]:
 
 
 def write_demo(folder: Path) -> None:
-    """Write demo.mkv, about-1.jpg to about-4.jpg, and the pictures of `HILLS`."""
+    """Write demo.mkv, about-1.jpg to about-4.jpg, players and the pictures of `HILLS`."""
     make_folder(folder)
     layout, rng = PRESET.layout, np.random.default_rng(0)
     for name, colours in HILLS.items():
@@ -77,3 +81,17 @@ def write_demo(folder: Path) -> None:
     for number, image in enumerate(shown, 1):
         small = cv2.resize(image, SHOWN_PX, interpolation=cv2.INTER_AREA)
         write_image(folder / f"about-{number}.jpg", np.asarray(small, np.uint8))
+    for name in BESIDE:
+        write_look(folder / f"look-{name}.html", PRESETS[name], cv2.medianBlur(picture, 21))
+
+
+def write_look(path: Path, preset: Preset, picture: NDArray[np.uint8]) -> None:
+    """Write a player that shows what a preset looks like, at its own rate."""
+    layout = preset.layout
+    bits, even = encode(MESSAGE.encode(), layout.n_bits), preset.even
+    loop = Loop(
+        layout, preset.kappa, bits, lambda: iter([picture]), display_size=SHOWN_PX, even=even
+    )
+    onlooker = Onlooker(distance=preset.distance_m)
+    hiding = Hiding(loop.shown_layout, preset.state_hz, onlooker, even)
+    write_player(path, loop, preset.state_hz, hiding.flicker(preset.kappa))

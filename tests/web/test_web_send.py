@@ -318,6 +318,21 @@ def test_what_flickers_is_shown_once_somebody_agreed(sender: Page) -> None:
 
 
 @pytest.mark.slow
+def test_presets_are_seen_beside_each_other(address: str, open_window: OpenWindow) -> None:
+    page = open_window(1280, 900)
+    page.goto(address.replace("send.html", "about.html"))
+    page.locator("#look").click()
+    wait_for(page, lambda: len(page.frames) == 3)
+    robust, hidden = page.frames[1:]
+    for frame, is_playing, name in ((robust, False, "robust"), (hidden, True, "hidden")):
+        wait_for(page, lambda frame=frame: frame.evaluate("player.ready"))
+        assert frame.evaluate("player.playing") is is_playing  # what flickers asks first
+        assert frame.evaluate("loop.state_hz") == PRESETS[name].state_hz
+    boxes = [frame.frame_element().bounding_box() for frame in (robust, hidden)]
+    assert boxes[0]["y"] == boxes[1]["y"]
+
+
+@pytest.mark.slow
 def test_nobody_is_shut_out(address: str, open_window: OpenWindow) -> None:
     """Names, contrast and order, as axe-core checks them in each page and state."""
     schemes: tuple[Any, ...] = (("light", ""), ("dark", "{ runOnly: ['color-contrast'] }"))

@@ -1,13 +1,25 @@
-/** The page about it all: reads the film that comes with it, when it is asked to. */
+/** The page about it all: reads the film that comes with it, and shows what presets look like. */
 
 import { keepForOffline } from "./site.js";
 
-const button = /** @type {HTMLButtonElement} */ (document.getElementById("read"));
-button.addEventListener("click", () => {
-  const frame = document.createElement("iframe");
-  Object.assign(frame, { src: "./?film=demo.mkv", title: "The receiver reads the film" });
-  button.replaceWith(frame);
-  frame.focus();
-  frame.scrollIntoView({ block: "end" });
-});
+/**
+ * Put frames in the place of a button once it is pressed.
+ *
+ * @param {string} id - of the button
+ * @param {Record<string, string>} pages - titles of the frames, by their addresses
+ */
+function opens(id, pages) {
+  const button = /** @type {HTMLButtonElement} */ (document.getElementById(id));
+  button.addEventListener("click", () => {
+    const frames = Object.entries(pages).map(([src, title]) =>
+      Object.assign(document.createElement("iframe"), { src, title }),
+    );
+    button.replaceWith(...frames);
+    frames[0].focus();
+    frames[0].scrollIntoView({ block: "end" });
+  });
+}
+
+opens("read", { "./?film=demo.mkv": "The receiver reads the film" });
+opens("look", { "look-robust.html": "The preset robust", "look-hidden.html": "The preset hidden" });
 void keepForOffline();
