@@ -4,6 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.code.collect import Message, make_collector
+from link.code.collect_coarse import CoarseCollector
+from link.code.collect_fine import FineCollector
 from link.types import Array
 
 Bits = NDArray[np.integer]
@@ -39,3 +41,8 @@ def listen(
         if message is not None:
             return message, step + 1, received
     return None, 0, 0
+
+
+def keeps_scores(collector: CoarseCollector | FineCollector) -> bool:
+    """Whether scores are kept that may be those of a message not returned yet."""
+    return collector._loop is not None or collector.decoding

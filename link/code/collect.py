@@ -36,11 +36,6 @@ class Collector(Protocol):
         ...
 
     @property
-    def collecting(self) -> bool:
-        """Whether scores are kept that may be those of a message not returned yet."""
-        ...
-
-    @property
     def decoding(self) -> bool:
         """Whether decoding is under way, which `go_on` goes on with."""
         ...

@@ -160,11 +160,6 @@ class CoarseCollector:
         self.start_run()
 
     @property
-    def collecting(self) -> bool:
-        """Whether scores are kept that may be those of a message not returned yet."""
-        return self._loop is not None
-
-    @property
     def decoding(self) -> bool:
         """Whether decoding is under way: never, for it ends before `add` returns."""
         return False

@@ -134,11 +134,6 @@ class FineCollector:
         self.start_run()
 
     @property
-    def collecting(self) -> bool:
-        """Whether scores are kept that may be those of a message not returned yet."""
-        return self._loop is not None or self._attempt is not None
-
-    @property
     def decoding(self) -> bool:
         """Whether decoding is under way, which `go_on` goes on with."""
         return self._attempt is not None

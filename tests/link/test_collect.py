@@ -9,7 +9,7 @@ from conftest import cases, slow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from scores import noisy
+from scores import keeps_scores, noisy
 
 from link.code.collect import MAX_SCORE, Collector, Message, make_collector
 from link.code.framing import (
@@ -149,10 +149,10 @@ def test_disturbances_are_no_change(kind: str, every: int, starts: float, attemp
     for number in range(DISTURBED_LOOPS):
         rows = disturbed(kind if number % every == 0 else "nothing", loop, rng)
         for scores in rows:
-            before = collector.collecting
+            before = keeps_scores(collector)
             count += 1
             assert collector.add(scores, count) is None
-            began += collector.collecting and not before
+            began += keeps_scores(collector) and not before
     assert began <= starts * count
     assert collector.attempts - tried <= attempts * count
     # what was delivered still stands: its frames bring nothing new, and another message comes soon

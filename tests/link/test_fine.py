@@ -8,7 +8,7 @@ import pytest
 from conftest import cases, slow
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scores import listen, noisy
+from scores import keeps_scores, listen, noisy
 
 from link.code.collect import make_collector
 from link.code.collect_fine import MAX_WAITING, FineCollector
@@ -340,7 +340,7 @@ def test_a_changed_message_comes_within_two_fine_loops(
             if message is not None:
                 came.append((message.data, message.changed, step))
         assert collector.progress == 1
-        assert not collector.collecting
+        assert not keeps_scores(collector)
     assert [(data, changed) for data, changed, _ in came] == [
         (first, False),
         (other, True),
@@ -365,7 +365,7 @@ def test_noise_is_no_fine_message_and_takes_no_memory() -> None:
     collector = FineCollector(730)
     for step in range(150):
         assert collector.add(rng.normal(0, rng.uniform(0.5, 8), 730), step) is None
-    assert not collector.collecting
+    assert not keeps_scores(collector)
     assert len(collector._waiting) <= MAX_WAITING
     assert collector.attempts == 0
 

@@ -62,7 +62,7 @@ def test_decoding_goes_on_while_frames_come_and_ends_when_asked() -> None:
     )
     attempts, progress = collector.attempts, collector.progress
     assert collector.add(rows[count + 1], count + 1, 0) is None
-    assert (collector.attempts, collector.decoding, collector.collecting) == (attempts, True, True)
+    assert (collector.attempts, collector.decoding) == (attempts, True)
     assert collector.progress > progress  # what comes meanwhile is kept
     message = collector.go_on()
     assert message.data == data
@@ -132,7 +132,7 @@ def test_steps_of_decoding_tell_their_work() -> None:
 class SlowMessage:
     """Stands in for a collector whose message takes some camera frames to decode."""
 
-    progress, attempts, collecting = 1.1, 1, True
+    progress, attempts = 1.1, 1
 
     def __init__(self, frames: int) -> None:
         self.left = frames
