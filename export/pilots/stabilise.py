@@ -231,10 +231,11 @@ def _motions(
     """
     found: list[tuple[Array, NDArray[np.float32]]] = []
     while len(found) < most and len(points) >= MIN_POINTS:
-        H, inliers = cv2.findHomography(points, moved, cv2.RANSAC, same_px, maxIters=tries)
+        H, inliers = cv2.findHomography(points, moved, cv2.USAC_FAST, same_px, maxIters=tries)
         if H is None or inliers.sum() < MIN_POINTS:
             break
         same = inliers[:, 0] > 0
+        H, _ = cv2.findHomography(points[same], moved[same])  # by least squares
         found.append((H, points[same]))
         points, moved = points[~same], moved[~same]
     return found

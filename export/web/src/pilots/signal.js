@@ -62,8 +62,14 @@ export function expectedChanges(layout) {
  * @returns {Float32Array} (pilots,) gray levels
  */
 export function pilotValues(view, layout) {
-  const blocks = standingOut(view, layout);
-  return Float32Array.from(layout.pilotBlocks, (block) => blocks[block]);
+  return picked(standingOut(view, layout), layout.pilotBlocks);
+}
+
+/** Pick values. @type {(values: Float32Array, numbers: ArrayLike<number>) => Float32Array} */
+export function picked(values, numbers) {
+  const some = new Float32Array(numbers.length);
+  for (let i = 0; i < some.length; i++) some[i] = values[numbers[i]];
+  return some;
 }
 
 /**

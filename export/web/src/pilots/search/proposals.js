@@ -5,7 +5,7 @@ import { equalised, withoutDetails } from "../../image/levels.js";
 import { frameCorners, homographyFromCorners, transform } from "../../link/geometry.js";
 import { rolled } from "../../locate/quads.js";
 import { movedCorners } from "../motion.js";
-import { expectedChanges, pilotValues, standingOut } from "../signal.js";
+import { expectedChanges, picked, pilotValues, standingOut } from "../signal.js";
 import { Wave, findToggling } from "../toggling.js";
 import { COARSE_SIZE, coarseShift, roughSeries, shiftedTogglings } from "./parts.js";
 
@@ -170,8 +170,8 @@ export class Proposer {
       const { pilotBlocks } = layout;
       const last = layout.rows * layout.cols - 1;
       const blocks = views.map((view) => standingOut(view, layout));
-      return [pilotBlocks, pilotBlocks.map((block) => last - block)].map((picked, turned) => {
-        const values = blocks.map((shown) => Float32Array.from(picked, (block) => shown[block]));
+      return [pilotBlocks, pilotBlocks.map((block) => last - block)].map((pilots, turned) => {
+        const values = blocks.map((shown) => picked(shown, pilots));
         const { evidence, toggling } = findToggling(values, layout, at, this.#watch.fps);
         const up = rolled(corners, 2 * turned);
         return { evidence, proposal: { corners: up, layout, toggling } };

@@ -87,11 +87,7 @@ export class Watch {
     return seen.filter(Boolean).length >= IN_VIEW * places.length;
   }
 
-  /**
-   * Watch a frame.
-   *
-   * @param {HeldFrame} frame
-   */
+  /** Watch a frame. @param {HeldFrame} frame */
   add(frame) {
     this.frames.push(frame);
     const still = this.#stabiliser.still(frame.gray, frame.HFrameFromReference);

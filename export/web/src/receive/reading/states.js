@@ -117,7 +117,7 @@ function mean(images) {
   for (const { data } of images.slice(1)) {
     for (let at = 0; at < sums.length; at++) sums[at] += data[at];
   }
-  return { width, height, data: Uint8Array.from(sums, (sum) => level[sum]) };
+  return { width, height, data: new Uint8Array(sums.map((sum) => level[sum])) };
 }
 
 /**
