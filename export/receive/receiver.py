@@ -35,6 +35,9 @@ which the images show different states."""
 STILL_S, STILL_FRAMES = 1.25, 36
 """Time, in seconds, and number of frames for which a display with patches is followed without
 anything to read before others are looked for, too: a picture that shows patches may stand still."""
+AMISS_PAIRS = 96
+"""Number of frame pairs that are read in vain before a display with pilots is looked for anew: some
+of its corners may lie elsewhere."""
 
 
 @dataclass(frozen=True)
@@ -99,17 +102,12 @@ class Receiver:
         }
         self._reader = self._readers[layouts[0]]
         self._following: DisplayTracker | None = None
-        self._toggled = 0.0, 0
+        self._toggled = 0.0, 0, 0
 
     @property
     def layout(self) -> Layout:
         """Layout of the display that was found last, or the first one that is looked for."""
         return self._reader.layout
-
-    @property
-    def decoder(self) -> PairDecoder:
-        """Decoder of the layout."""
-        return self._reader.decoder
 
     @property
     def decoded(self) -> int:
@@ -189,7 +187,7 @@ class Receiver:
         What is followed and stands still comes last, so that it keeps no other from being found.
         """
         followed, self._following = self._following, None
-        still = followed is not None and self._stands_still(followed, time)
+        still = followed is not None and self._is_in_vain(followed, time)
         if followed is not None and still:
             followed.set_aside(time, forget=False)
         trackers = sorted(self._trackers, key=lambda tracker: (tracker is followed) == still)
@@ -202,21 +200,23 @@ class Receiver:
             if followed is not None and tracker is not followed:
                 followed.set_aside(time, forget=True)
             if tracker is not followed or (still and tracked.anew):
-                self._toggled = time, self.frames
+                self._toggled = time, self.frames, self.decoded
             if tracker.layout != self._reader.layout or (still and tracked.anew):
                 self._reader = self._readers[tracker.layout]
                 self._reader.restart()
             return tracked
         return None
 
-    def _stands_still(self, followed: DisplayTracker, time: float) -> bool:
-        """Tell whether a display with patches has been followed in vain for long.
+    def _is_in_vain(self, followed: DisplayTracker, time: float) -> bool:
+        """Tell whether a display has been followed in vain for long.
 
-        What toggles around it or across it may give it a clock, and then no bit of a message.
+        What toggles around a picture with patches may give it a clock, but no bit of a message.
         """
-        if (self.synchronised and self.progress > 0) or not followed.layout.ratex:
-            self._toggled = time, self.frames
-        since, frames = self._toggled
+        if self.synchronised and self.progress > 0:
+            self._toggled = time, self.frames, self.decoded
+        since, frames, decoded = self._toggled
+        if not followed.layout.ratex:
+            return self.decoded - decoded > AMISS_PAIRS
         return time - since > STILL_S and self.frames - frames > STILL_FRAMES
 
     def decode_images(
@@ -248,7 +248,7 @@ class Receiver:
         original, embedded = images if change > 0 else images[::-1]
         whole = np.ones((MESH, MESH))
         states = DisplayState(original, whole, 1), DisplayState(embedded, whole, 1)
-        return DecodedPair(0, 0.0, self.decoder.decode(original, embedded), *states, 0.0)
+        return DecodedPair(0, 0.0, self._reader.decoder.decode(original, embedded), *states, 0.0)
 
     def finish(self) -> ReceiverStep:
         """Decode what is left when the frames have ended; images without a clock by their order."""

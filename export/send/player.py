@@ -12,8 +12,6 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TypeVar
 
-from tqdm import tqdm
-
 from export.send.compact import PLACE, TEMPLATE, Compact, packed, rule_page
 from link.errors import InputError
 from link.images import write_bytes
@@ -35,6 +33,8 @@ def with_bar(items: Iterator[T], count: int, unit: str) -> Iterator[T]:
         count: how many there are, at least.
         unit: word for one of them.
     """
+    from tqdm import tqdm  # what is imported for its tables does without
+
     yield from tqdm(items, None, count, False, unit=unit, disable=None, delay=BAR_AFTER_S)
 
 

@@ -59,6 +59,10 @@ class PilotTracker(DisplayTracker):
         H = self._H_followed_from_shown @ H_old_from_new
         self._H_followed_from_shown = H / H[2, 2]
 
+    def set_aside(self, time: float, *, forget: bool) -> None:
+        """Look for the display anew, because what is followed gives nothing to read."""
+        self._follower.forget()
+
     def follow(self, image: Image, time: float) -> Tracked | None:
         """Find the display in the next frame, or return None where it is not in view."""
         if self._follower.corners is None:

@@ -1,4 +1,4 @@
-"""A still picture that shows patches keeps no display from being found."""
+"""A display that is followed in vain keeps no other from being found, nor itself."""
 
 import cv2
 import numpy as np
@@ -6,10 +6,12 @@ import pytest
 from drawn_scenes import content
 from pilot_films import BlockMeans, beside_print, filmed
 
+import export.receive.receiver as receiver_module
 from export.locate.find import is_at
 from export.receive.receiver import STILL_S, Receiver
 from export.receive.tracking.patches import ASIDE_S, Tracker
 from link.code.framing import encode
+from link.frames import SoftBits
 from link.geometry import frame_corners
 from link.images import as_gray
 from link.layout import make_layout
@@ -70,6 +72,31 @@ def test_a_still_print_keeps_no_display_from_being_read(where: str) -> None:
     assert first == PAPER
     assert message == TEXT
     assert STILL_S < number / 30 < STILL_S + 3.0
+
+
+def test_a_display_of_which_nothing_is_read_is_looked_for_anew(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As where some of its corners lie elsewhere, and its pilots are seen all the same."""
+    monkeypatch.setattr(receiver_module, "AMISS_PAIRS", 8)
+    rng, found, message = np.random.default_rng(0), 0, None
+    decoder = BlockMeans(ROBUST)
+    right = decoder.decode
+
+    def amiss(original: Image, embedded: Image) -> SoftBits:
+        return right(original, embedded) if found > 1 else SoftBits(rng.normal(0, 1, ROBUST.n_bits))
+
+    decoder.decode = amiss  # type: ignore[method-assign]
+    receiver = Receiver(decoder, 30.0)
+    images, _ = filmed(ROBUST, 180, 3, message=encode(TEXT, ROBUST.n_bits))
+    for number, image in enumerate(images):
+        step = receiver.push(image, number / 30)
+        found += step.tracked is not None and step.tracked.anew
+        if step.message is not None:
+            message = step.message.data
+            break
+    assert found == 2
+    assert message == TEXT
 
 
 def test_displays_are_at_one_place_that_nearly_coincide() -> None:

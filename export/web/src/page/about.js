@@ -3,10 +3,9 @@
 import { keepForOffline } from "./site.js";
 
 /**
- * Put frames in the place of a button once it is pressed.
+ * Put frames in the place of a button once it is pressed: their titles by their addresses.
  *
- * @param {string} id - of the button
- * @param {Record<string, string>} pages - titles of the frames, by their addresses
+ * @type {(id: string, pages: Record<string, string>) => void}
  */
 function opens(id, pages) {
   const button = /** @type {HTMLButtonElement} */ (document.getElementById(id));

@@ -22,7 +22,7 @@ import { PilotTracker } from "./tracking/pilots.js";
 /** @typedef {import("./tracking/patches.js").DisplayTracker} DisplayTracker */
 
 export const { MIN_SIDE_PX } = images;
-export const { STILL_S, STILL_FRAMES } = receiveReceiver;
+export const { STILL_S, STILL_FRAMES, AMISS_PAIRS } = receiveReceiver;
 /** Number of nominal frames from one frame to the next above which a frame is missing. */
 const MISSING = 1.5;
 
@@ -52,8 +52,8 @@ export class Receiver {
   #reader;
   /** @type {DisplayTracker | null} */
   #following = null;
-  /** When what is followed was last found, or gave something to read, and number of that frame. */
-  #toggled = { time: 0, frames: 0 };
+  /** When what is followed was last found or read; frames and frame pairs until then. */
+  #toggled = { time: 0, frames: 0, decoded: 0 };
 
   /**
    * @param {PairDecoder[]} decoders - one for each layout that is looked for
@@ -87,11 +87,6 @@ export class Receiver {
   /** Layout of the display that was found last, or the first one that is looked for. */
   get layout() {
     return this.#reader.layout;
-  }
-
-  /** Decoder of the layout. */
-  get decoder() {
-    return this.#reader.decoder;
   }
 
   /** Number of frame pairs decoded. */
@@ -189,7 +184,7 @@ export class Receiver {
       if (this.#rests.passes(time, this.#repeats.change, isIdle)) return null;
     }
     this.#following = null;
-    const isStill = followed !== null && this.#standsStill(followed, time);
+    const isStill = followed !== null && this.#isInVain(followed, time);
     if (isStill) followed.setAside(time, false);
     const others = this.#trackers.filter((tracker) => tracker !== followed);
     const first = followed === null || isStill ? [] : [followed];
@@ -201,7 +196,7 @@ export class Receiver {
       if (reader === undefined) throw new Error("a tracker found a layout that has no decoder");
       if (tracker !== followed) followed?.setAside(time, true);
       const isElsewhere = isStill && tracked.anew === true;
-      if (tracker !== followed || isElsewhere) this.#toggled = { time, frames: this.frames };
+      if (tracker !== followed || isElsewhere) this.#toggle(time);
       if (reader !== this.#reader || isElsewhere) {
         this.#reader = reader;
         reader.restart();
@@ -213,19 +208,23 @@ export class Receiver {
     return null;
   }
 
+  /** @param {number} time - when what is followed was found, or gave something to read */
+  #toggle(time) {
+    this.#toggled = { time, frames: this.frames, decoded: this.decoded };
+  }
+
   /**
-   * Tell whether a display with patches has been followed in vain for long.
+   * Tell whether a display has been followed in vain for long.
    *
-   * What toggles around it or across it may give it a clock, and then no bit of a message.
+   * What toggles around a picture with patches may give it a clock, and then no bit of a message.
    *
    * @param {DisplayTracker} followed
    * @param {number} time - seconds
    */
-  #standsStill(followed, time) {
-    if ((this.synchronised && this.progress > 0) || followed.layout.ratex.length === 0) {
-      this.#toggled = { time, frames: this.frames };
-    }
+  #isInVain(followed, time) {
+    if (this.synchronised && this.progress > 0) this.#toggle(time);
     const since = this.#toggled;
+    if (followed.layout.ratex.length === 0) return this.decoded - since.decoded > AMISS_PAIRS;
     return time - since.time > STILL_S && this.frames - since.frames > STILL_FRAMES;
   }
 

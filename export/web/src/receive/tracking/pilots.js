@@ -59,8 +59,10 @@ export class PilotTracker {
     this.#HFollowedFromShown = H.map((value) => value / H[8]);
   }
 
-  /** Do nothing: pilots are found where they toggle, and are lost where they no longer do. */
-  setAside() {}
+  /** Look for the display anew, because what is followed gives nothing to read. */
+  setAside() {
+    this.#follower.forget();
+  }
 
   /**
    * Find the display in the next frame.
