@@ -382,7 +382,7 @@ static bool turnAlike(const Point2f *from, const Point2f *to) {
 
 // Fits a homography by RANSAC, in so many tries at most. Each motion that more points agree with than
 // before is fitted to them, whereupon still more may agree (LO-RANSAC; Chum, Matas & Kittler 2003).
-// OpenCV's own takes ten times as long, or needs much that nothing else here does.
+// OpenCV's own takes up to eight times as long, or needs much that nothing else here does.
 static Mat fittedHomography(const Mat &from, const Mat &to, double apart, int tries, Mat &agree) {
   Mat before_points, after_points;
   from.convertTo(before_points, CV_32F);
@@ -413,7 +413,7 @@ static Mat fittedHomography(const Mat &from, const Mat &to, double apart, int tr
     }
     // as many tries as miss four points that agree once in 1000 times
     const double missed = 1 - std::pow(double(most) / count, 4);
-    if (most == count || at > std::log(0.001) / std::log(missed)) break;
+    if (most == count || (most && at > std::log(0.001) / std::log(missed))) break;
   }
   return most < 4 ? Mat() : fittedTo(agree, before, after);
 }
