@@ -35,7 +35,7 @@ which the images show different states."""
 STILL_S, STILL_FRAMES = 1.25, 36
 """Time, in seconds, and number of frames for which a display with patches is followed without
 anything to read before others are looked for, too: a picture that shows patches may stand still."""
-AMISS_PAIRS = 96
+AMISS_PAIRS = 64
 """Number of frame pairs that are read in vain before a display with pilots is looked for anew: some
 of its corners may lie elsewhere."""
 
