@@ -77,6 +77,7 @@ STEPS |= {
     for name, flags in {
         "robust": '--settings "robust, 30 fps" --runs 20',
         "hidden": '--settings "hidden, 60 fps" --runs 20',
+        "hidden_30": '--settings "hidden, 30 fps" --runs 20',
         "paper": '--settings "paper, 30 fps" --runs 3',
         "fast": '--settings "fast, 60 fps" --runs 3',
         "hidden_120": '--settings "hidden, 120 fps" --runs 3',
