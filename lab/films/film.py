@@ -23,7 +23,7 @@ from lab.study import Results, Study, StudyFlags, Workshop
 from link.errors import at_least, choose, each_once
 from models import FILM_GRAPH
 from reports.engine.backends import one_thread
-from reports.render.tables import Table, percent
+from reports.render.tables import Table, number, percent
 from reports.score.reliability import (
     Bin,
     binned_information,
@@ -156,10 +156,10 @@ def film_blocks(results: Mapping[str, Results[FilmContent]]) -> dict[str, str]:
         both = pd.DataFrame(knew).dropna()
         ratios = both["film"] / both["pairs"]
         wrong = [percent(each["bits_wrong"].sum() / each["bits"].sum()) for each in by.values()]
-        means = [f"{both[method].mean():.3f}" for method in METHODS]
-        errors = [f"{calibration_error(merge_bins(each['bins'])):.3f}" for each in by.values()]
-        spread = f"{ratios.min():.2f} – {ratios.max():.2f}"
-        ratio = f"{both['film'].mean() / both['pairs'].mean():.2f}"
+        means = [number(both[method].mean(), 3) for method in METHODS]
+        errors = [number(calibration_error(merge_bins(each["bins"])), 3) for each in by.values()]
+        spread = f"{number(ratios.min(), 2)} – {number(ratios.max(), 2)}"
+        ratio = number(both["film"].mean() / (both["pairs"].mean() or float("nan")), 2)
         rows.append([setting, f"{view:g}°", str(len(both)), *wrong, *means, ratio, spread, *errors])
     heads = (
         "setting", "view", "films", "wrong %, pairs", "film", "bits a block, pairs", "film",

@@ -6,6 +6,7 @@ A study makes a `Table` once; `Table.markdown` and the page's template show the 
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from typing import Any, Literal
 
@@ -76,6 +77,11 @@ class Table:
 def percent(share: float | None, digits: int = 2) -> str:
     """A share in [0, 1] as a number of per cent; a dash where it is missing."""
     return "–" if share is None or pd.isna(share) else f"{100 * share:.{digits}f}"
+
+
+def number(value: float, digits: int) -> str:
+    """A number with its digits after the point; a dash where it is missing."""
+    return f"{value:.{digits}f}" if isfinite(value) else "–"
 
 
 def share_interval(low: float, high: float, digits: int = 2) -> str:

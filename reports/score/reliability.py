@@ -163,9 +163,13 @@ def binned_information(bins: Sequence[Bin], bits: int) -> float:
 
 
 def calibration_error(bins: Sequence[Bin]) -> float:
-    """Mean |accuracy - confidence| over bins, weighted by count, in [0, 1] (Naeini et al. 2015)."""
+    """Mean |accuracy - confidence| over bins, weighted by count, in [0, 1] (Naeini et al. 2015).
+
+    It is NaN where no bit was decided.
+    """
     total = sum(b.count for b in bins)
-    return sum(b.count * abs(b.accuracy - b.confidence) for b in bins) / total
+    missed = sum(b.count * abs(b.accuracy - b.confidence) for b in bins)
+    return missed / total if total else float("nan")
 
 
 def reliability_curves(
