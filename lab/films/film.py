@@ -158,24 +158,12 @@ def film_blocks(results: Mapping[str, Results[FilmContent]]) -> dict[str, str]:
         wrong = [percent(each["bits_wrong"].sum() / each["bits"].sum()) for each in by.values()]
         means = [number(both[method].mean(), 3) for method in METHODS]
         errors = [number(calibration_error(merge_bins(each["bins"])), 3) for each in by.values()]
-        settings = SETTINGS[str(setting)]
-        seconds = (
-            max(stored.meta["flags"]["states"] for stored in results.values()) / settings.state_hz
-        )
-        told = [
-            f"{_information(film) * film['bits'].sum() / seconds / 1000:.1f}"
-            for _, film in by["film"].groupby(["pair", "run"])
-        ]
-        told = " ".join(sorted(told, key=float))
         spread = f"{number(ratios.min(), 2)} – {number(ratios.max(), 2)}"
         ratio = number(both["film"].mean() / (both["pairs"].mean() or float("nan")), 2)
-        rows.append(
-            [setting, f"{view:g}°", str(len(both)), *wrong, *means, ratio, spread, *errors, told]
-        )
+        rows.append([setting, f"{view:g}°", str(len(both)), *wrong, *means, ratio, spread, *errors])
     heads = (
         "setting", "view", "films", "wrong %, pairs", "film", "bits a block, pairs", "film",
         "ratio", "least and largest", "calibration error, pairs", "film",
-        "kbit/s of information, each film",
     )  # fmt: skip
     title = (
         "Simulated hand-held video at 1280 × 720, read by frame pairs and by windows of film; "

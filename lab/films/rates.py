@@ -53,18 +53,6 @@ SETTINGS = {
 }
 """Settings of display, camera and message, by name. "slanted" is "fast" on the grid of "hidden",
 whose larger blocks are for slanted and distant displays. H.264 has 20 Mbit/s."""
-SETTINGS |= {
-    f"{name}, {rate} Mbit/s": replace(SETTINGS[name], codec=CodecSettings("h264", 1000 * rate))
-    for name in ("hidden", "fast", "slanted")
-    for rate in (8, 12, 20)
-}
-SETTINGS |= {f"hidden at {fps} fps": replace(HIDDEN, fps=fps) for fps in (24, 48, 75, 90, 150)}
-SETTINGS |= {
-    f"hidden at {fps} fps, 1/{share} s": replace(HIDDEN, fps=fps, shutter=1 / share)
-    for fps in (30, 60)
-    for share in (30, 60, 125, 250, 500, 1000)
-    if share >= fps
-}
 
 
 @dataclass(frozen=True)
