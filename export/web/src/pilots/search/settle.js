@@ -10,7 +10,6 @@ import { NEXT_FRAME, VIEW_WORK, positions, weighSteps } from "./proposals.js";
 
 /** @typedef {import("../toggling.js").Amplitudes} Amplitudes */
 /** @typedef {import("./allBlocks.js").BlockFit} BlockFit */
-
 /** @typedef {import("./film.js").HeldFrame} HeldFrame */
 /** @typedef {import("./proposals.js").Proposal} Proposal */
 /** @typedef {import("./watch.js").Watch} Watch */
@@ -55,14 +54,14 @@ const MOVE_WORK = 6;
  */
 export function* settleSteps(proposal, first, watch) {
   const frames = [...watch.frames];
-  const { layout } = proposal;
-  const pilots = layout.pilotBlocks.length;
+  const pilots = proposal.layout.pilotBlocks.length;
   const needed = Math.min(SURE, SURE_SHARE * pilots);
   const certain = Math.min(CERTAIN, CERTAIN_SHARE * pilots);
   let best = proposal;
   let tried = TRIALS;
   let evidence = first - Math.log(tried);
-  for (const { move, tries } of MOVES) {
+  const moves = /** @type {[Move, number][]} */ ([[byParts, 1], [byClimbing, CLIMB_TRIALS]]);
+  for (const [move, tries] of moves) {
     // it need not pay for so many trials, or it is hopeless
     const climbable = evidence >= CLIMBABLE - Math.log(tried) && evidence < certain;
     if (move === byClimbing && !climbable) continue;
@@ -76,6 +75,8 @@ export function* settleSteps(proposal, first, watch) {
   }
   if (evidence < HINT - Math.log(tried)) return null;
   const start = best;
+  // fewer frames place the corners, but do not tell of the lens
+  while (watch.frames.length < Math.floor(watch.window / 2)) yield NEXT_FRAME;
   const used = watch.frames.length;
   const fit = yield* byBlocks(start, watch.frames.slice(0, used));
   const fitted = fit === null ? start : moved(start, fit);
@@ -130,7 +131,7 @@ function* byParts({ corners, layout, toggling }, frames) {
     yield MOVE_WORK;
     if (fit === null) break;
     const there = movedCorners(corners, fit.HOldFromNew, layout);
-    const far = farthestMove(corners, there);
+    const far = Math.max(...corners.map(([x, y], i) => Math.hypot(there[i][0] - x, there[i][1] - y)));
     corners = there;
     if (fit.parts >= MANY && far < SETTLED_PX) break;
   }
@@ -225,19 +226,4 @@ function* throughLens(fit, start, { gray }) {
  */
 function moved(proposal, fit) {
   return { ...proposal, corners: movedCorners(proposal.corners, fit.shift(), proposal.layout) };
-}
-
-/** Ways to move corners by the pilots, one after the other, and how many places each tries. */
-const MOVES = [
-  { move: byParts, tries: 1 },
-  { move: byClimbing, tries: CLIMB_TRIALS },
-];
-
-/**
- * @param {Point[]} from
- * @param {Point[]} to
- * @returns {number} the largest distance of two points, pixels
- */
-function farthestMove(from, to) {
-  return Math.max(...from.map(([x, y], i) => Math.hypot(to[i][0] - x, to[i][1] - y)));
 }
