@@ -136,7 +136,7 @@ export class PilotSearch {
     this.#work ??= this.#search(watch);
     const share = FRAME_WORK * Math.max(1, Math.round(STEPS_HZ / this.fps));
     const most = isLate ? Infinity : share; // time ends the work there
-    const until = start + (isWatching && !this.#isSettling ? (SPARE * 1000) / this.fps : this.frameMs);
+    const until = start + (isWatching ? (SPARE * 1000) / this.fps : this.frameMs);
     let work = 0;
     while (work < most) {
       const step = this.#work.next();
@@ -190,24 +190,15 @@ export class PilotSearch {
     const edges = [...within.map((edge) => edge.corners), ...leaving];
     const proposer = new Proposer(watch, this.layouts);
     const quarter = Math.floor(watch.window / 4);
-    const seen = edges.map(() => 0); // number of frames by which each was glanced at
-    for (;;) {
-      const count = watch.frames.length;
-      const isWhole = count === watch.window;
-      const longestAgo = Math.min(count, ...seen);
-      // a camera that does not wait leaves time for more glances while its first frames come
-      const gap = isWhole ? quarter / 2 : this.#isLate || longestAgo > 0 ? quarter : 2 * quarter;
-      if (count - longestAgo >= gap) {
-        const due = seen.indexOf(longestAgo);
-        seen[due] = count;
-        const found = yield* this.#glance([edges[due]], proposer, watch, count);
-        if (found !== null) return found;
-      } else if (isWhole) {
-        break;
-      } else {
-        for (const quad of edges) watch.places(quad, count); // each frame its share
+    for (let count = 2 * quarter, seen = 0; seen < watch.window; count = seen + quarter) {
+      // what a camera that does not wait shows is looked at once all of it is there
+      while (watch.frames.length < (this.#isLate ? watch.window : Math.min(count, watch.window))) {
+        for (const quad of edges) watch.places(quad, watch.frames.length); // each frame its share
         yield NEXT_FRAME;
       }
+      seen = watch.frames.length;
+      const found = yield* this.#glance(edges, proposer, watch, seen);
+      if (found !== null) return found;
     }
     const faint = /** @type {Point[][]} */ ([]);
     for (const even of proposer.evenMeans()) {

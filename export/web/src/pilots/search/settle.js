@@ -75,8 +75,6 @@ export function* settleSteps(proposal, first, watch) {
   }
   if (evidence < HINT - Math.log(tried)) return null;
   const start = best;
-  // fewer frames place the corners, but do not tell of the lens
-  while (watch.frames.length < Math.floor(watch.window / 2)) yield NEXT_FRAME;
   const used = watch.frames.length;
   const fit = yield* byBlocks(start, watch.frames.slice(0, used));
   const fitted = fit === null ? start : moved(start, fit);
