@@ -91,17 +91,16 @@ STEPS |= {
     f"rates_{name}": f"lab rates {flags} --keep"
     for name, flags in {
         "fast": "--settings fast --views 0 --runs 6",
-        "slanted": "--settings slanted --views 45 --runs 6",
+        "slanted": "--settings slanted --views 45 --runs 2",
         "hidden": "--settings hidden --runs 2",
         "code": '--settings "hidden, 30 fps" "hidden, 60 fps" hidden --n-bytes 100',
+        "first": "--settings robust fast paper --n-bytes 100 --runs 2",
         "odd": '--settings "hidden, 24 fps of 50 Hz" "hidden, 25 fps of 75 Hz" "hidden, 29.97 fps '
         'of 72 Hz" "hidden, 50 fps of 60 Hz" "hidden, 59.94 fps of 75 Hz" "hidden, 30 fps, 33 ms" '
         '"hidden, 30 fps, 4 ms" --views 0 --n-bytes 100',
-        "hidden_240": f'--settings "hidden, 240 fps" --views 0 {RATES_THREE}',
         "others": "--settings robust paper --runs 2",
         "faint": "--settings faint",
-        "slow": '--settings "slow camera" --views 0 --runs 2',
-        "slow_45": f'--settings "slow camera" --views 45 {RATES_THREE}',
+        "slow": '--settings "slow camera" --runs 2',
         "phones": f'--settings "slanted, H.264" "slanted, 1080p" --views 45 {RATES_THREE}',
         "phones_0": f'--settings "fast, H.264" "fast, 1080p" --views 0 {RATES_THREE}',
     }.items()

@@ -14,13 +14,13 @@ from typing import Any
 import pandas as pd
 
 from data_gen.film.codec import through_codec
-from data_gen.pairs import PAIRS, pair_names
+from data_gen.pairs import pair_names
 from export.film_graph import FilmGraph
 from export.runtime import OWN_TIME_LIMIT_S, Decoder
-from lab.films.rates import SETTINGS
-from lab.films.trial import FilmReading, Take, check_filmed, film_message
-from lab.study import Results, Study, StudyFlags, Workshop
-from link.errors import at_least, choose, each_once
+from lab.films.rates import RatesFlags, check_rates
+from lab.films.trial import FilmReading, Take, film_message
+from lab.study import Results, Study, Workshop
+from link.errors import at_least
 from models import FILM_GRAPH
 from reports.engine.backends import one_thread
 from reports.render.tables import Table, number, percent
@@ -38,17 +38,11 @@ COMPARED = ("hidden", "faint", "slow camera", "slanted", "fast", "robust")
 
 
 @dataclass(frozen=True)
-class FilmFlags(StudyFlags):
+class FilmFlags(RatesFlags):
     """Bits read by frame pairs and by windows of film, from the same films (simulated)."""
 
     settings: tuple[str, ...] = COMPARED
     """Names of settings, keys of SETTINGS in lab/films/rates.py."""
-    pairs: tuple[str, ...] = tuple(PAIRS)
-    """Camera-display pairs."""
-    views: tuple[float, ...] = (0.0, 45.0)
-    """Angles between the camera and the normal of the display, degrees."""
-    runs: int = 1
-    """Number of films for each setting, pair and view."""
     states: int = 90
     """Length of each film, in states of the display."""
 
@@ -129,7 +123,7 @@ def measure_films(flags: FilmFlags, workshop: Workshop) -> FilmContent:
     for name, run, view, pair in product(
         flags.settings, range(flags.runs), flags.views, pair_names(flags.pairs)
     ):
-        settings = SETTINGS[name]
+        settings = flags.film(name)
         take = Take(settings, pair, view, run, flags.seed)
         items[f"{name} {take.name}"] = Comparison(take, name, flags.states / settings.state_hz)
     inputs = sorted({item.take.model for item in items.values()})
@@ -181,12 +175,8 @@ def _information(films: pd.DataFrame) -> float:
 
 def check_film(flags: FilmFlags) -> None:
     """Raise an `InputError` that names the first flag with a wrong value."""
-    at_least(1, runs=flags.runs)
+    check_rates(flags)
     at_least(2, states=flags.states)
-    each_once(settings=flags.settings)
-    for name in flags.settings:
-        choose(SETTINGS, name, "name in --settings")
-    check_filmed(flags.pairs, flags.views)
 
 
 STUDY = Study(

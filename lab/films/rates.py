@@ -43,7 +43,6 @@ SETTINGS = {
     "hidden, 50 fps of 60 Hz": replace(HIDDEN, fps=50, shutter=1 / 100),
     "hidden, 59.94 fps of 75 Hz": replace(HIDDEN, fps=59.94, state_hz=75, shutter=1 / 100),
     "hidden": HIDDEN,
-    "hidden, 240 fps": replace(HIDDEN, fps=240),
     "slanted": SLANTED,
     "slanted, H.264": replace(SLANTED, codec=CodecSettings("h264", 20_000)),
     "slanted, 1080p": replace(SLANTED, size=(1920, 1080)),
