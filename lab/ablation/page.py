@@ -9,7 +9,7 @@ from matplotlib.ticker import FixedLocator, NullLocator
 from lab.ablation.results import BLOCKS, Ablation, AblationEntry, CellBehind
 from lab.ablation.switches import WHOLE_DECODERS
 from reports.render.charts import in_style
-from reports.render.tables import Table, TableCell, Tint, difference_interval, percent
+from reports.render.tables import Table, TableCell, Tint, difference_interval, number, percent
 from reports.score.paired import MIN_FRAMES, Paired
 
 TICKS = (-30, -10, -3, -1, 0, 1, 3, 10, 30)
@@ -126,7 +126,7 @@ def _whole_decoders_table(ablation: Ablation, frames: int) -> Table:
             [
                 entry.row,
                 entry.condition,
-                "–" if paired.ratio is None else f"{paired.ratio:.2f}",
+                number(paired.ratio, 2),
                 f"{paired.ratio_low:.2f} to {high}",
                 ": ".join([f"{len(behind)} of {entry.frames // frames}", *named]),
             ]

@@ -19,7 +19,7 @@ from lab.films.trial import Delivery, FilmSettings, check_filmed, check_settings
 from lab.study import Results, Study, StudyFlags, Workshop
 from link.errors import at_least, choose, each_once
 from link.presets import PRESETS
-from reports.render.tables import Table, percent, share_interval
+from reports.render.tables import Table, number, percent, share_interval
 from reports.score.intervals import wilson
 
 FAST = FilmSettings(preset="fast", state_hz=30, fps=60, n_bytes=20_000)
@@ -136,7 +136,7 @@ def rates_blocks(results: Mapping[str, Results[RatesContent]]) -> dict[str, str]
                 str(int(runs["wrong"].sum())),
                 _rate(rate.median()) if len(came) else "–",
                 _rate(rate.min()) if len(came) else "–",
-                f"{came['seconds'].median():.1f}" if len(came) else "–",
+                number(came["seconds"].median(), 1),
                 f"{series.bound_seconds:.1f}",
                 percent(runs["bits_wrong"].sum() / max(1, runs["bits"].sum())),
                 f"{contrast_of(film.preset, film.state_hz, film.kappa):.3g}",

@@ -18,7 +18,7 @@ from lab.study import Results, Study, StudyFlags, Workshop
 from link.code.framing import frames_needed
 from link.errors import ParameterError, at_least, choose, each_once
 from link.presets import PRESETS
-from reports.render.tables import Table, percent, share_interval
+from reports.render.tables import Table, number, percent, share_interval
 from reports.score.intervals import wilson
 from reports.score.reliability import binned_information, merge_bins
 
@@ -147,8 +147,8 @@ def _outcome(runs: pd.DataFrame) -> list[str]:
     return [
         f"{len(came)} of {len(runs)}",
         f"{share_interval(*wilson(len(came), len(runs)), 0)} %",
-        f"{came['seconds'].median():.2f}" if len(came) else "–",
-        f"{came['seconds'].max():.2f}" if len(came) else "–",
+        number(came["seconds"].median(), 2),
+        number(came["seconds"].max(), 2),
         percent(runs["bits_wrong"].sum() / decided) if decided else "–",
         f"{binned_information(bins, decided):.3f}" if decided else "–",
     ]

@@ -13,7 +13,7 @@ from link.files.lock import locked
 from link.images import write_bytes
 from reports.evaluation.html import render
 from reports.render.charts import colour_of
-from reports.render.tables import Table, TableCell, Tint, difference_interval, percent
+from reports.render.tables import Table, TableCell, Tint, difference_interval, number, percent
 from reports.run import Run, RunFolder
 from reports.score.paired import COUNTS, KEYS, MIN_FRAMES, Paired, compare, tally
 
@@ -204,7 +204,7 @@ def _cells(v: Versus) -> list[str | TableCell]:
         percent(1 - v.errors_b / bits),
         f"{v.paired.difference:+.2f}",
         difference_interval(v.paired),
-        "–" if v.paired.ratio is None else f"{v.paired.ratio:.2f}",
+        number(v.paired.ratio, 2),
         f"{v.paired.better} / {v.paired.worse}",
         f"{v.paired.p_bits:.2g}",
         f"{v.paired.frames:,}",

@@ -76,12 +76,12 @@ class Table:
 
 def percent(share: float | None, digits: int = 2) -> str:
     """A share in [0, 1] as a number of per cent; a dash where it is missing."""
-    return "–" if share is None or pd.isna(share) else f"{100 * share:.{digits}f}"
+    return number(None if share is None else 100 * share, digits)
 
 
-def number(value: float, digits: int) -> str:
+def number(value: float | None, digits: int) -> str:
     """A number with its digits after the point; a dash where it is missing."""
-    return f"{value:.{digits}f}" if isfinite(value) else "–"
+    return "–" if value is None or not isfinite(value) else f"{value:.{digits}f}"
 
 
 def share_interval(low: float, high: float, digits: int = 2) -> str:
@@ -219,8 +219,7 @@ def _against_cells(paired: Paired | None) -> list[str | TableCell]:
     """Difference to the reference in points, and errors as a multiple of the reference's."""
     if paired is None:
         return ["–", "–"]
-    ratio = "–" if paired.ratio is None else f"{paired.ratio:.2f}"
     high = "∞" if paired.ratio_high is None else f"{paired.ratio_high:.2f}"
     interval = f"{paired.ratio_low:.2f} – {high}" if paired.frames >= MIN_FRAMES else "–"
     difference = TableCell(f"{paired.difference:+.2f}", difference_interval(paired))
-    return [difference, TableCell(ratio, interval)]
+    return [difference, TableCell(number(paired.ratio, 2), interval)]
