@@ -299,6 +299,25 @@ export function rectify(image, HCapturedFromDisplay, width, height, lens = STRAI
 }
 
 /**
+ * Measure how far two points are apart.
+ *
+ * @param {Point} one
+ * @param {Point} other
+ */
+export function distance(one, other) {
+  return Math.hypot(one[0] - other[0], one[1] - other[1]);
+}
+
+/**
+ * Measure the sides of a quadrilateral: top, right, bottom and left, in pixels.
+ *
+ * @param {Point[]} corners
+ */
+export function sideLengths(corners) {
+  return corners.map((corner, i) => distance(corners[(i + 1) % 4], corner));
+}
+
+/**
  * Count the pixels of an image in one of a display's frame, along the side where they are fewest.
  *
  * @param {Point[]} corners - of the display, pixels of the image
@@ -306,10 +325,7 @@ export function rectify(image, HCapturedFromDisplay, width, height, lens = STRAI
  * @param {number} height - of the display's frame, pixels
  */
 export function pixelsInOne(corners, width, height) {
-  const [top, right, bottom, left] = corners.map(([x, y], i) => {
-    const [nextX, nextY] = corners[(i + 1) % 4];
-    return Math.hypot(nextX - x, nextY - y);
-  });
+  const [top, right, bottom, left] = sideLengths(corners);
   return Math.min(Math.min(top, bottom) / width, Math.min(left, right) / height);
 }
 

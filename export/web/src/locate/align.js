@@ -9,13 +9,14 @@ import {
   frameCorners,
   homographyFromPoints,
   inImage,
+  sideLengths,
   transform,
 } from "../link/geometry.js";
 import { solve } from "../link/linear.js";
 import { TILES } from "../link/ratex.js";
 import { MAD_TO_SIGMA, reweighted } from "../link/robust.js";
 import { pointsByCorners } from "./cornerMotion.js";
-import { atLevel, levelFor, sideLengths } from "./patches.js";
+import { atLevel, levelFor } from "./patches.js";
 import { median } from "../link/order.js";
 
 /** @typedef {import("./patches.js").Pyramid} Pyramid */

@@ -7,6 +7,7 @@
  */
 
 import { locateFind } from "../generated/constants.js";
+import { distance } from "../link/geometry.js";
 import { candidateSteps, leavingSteps, onFullImage, smallCopy } from "./candidates.js";
 import { imagePyramid, searchPatches } from "./patches.js";
 import { isSound, rolled } from "./quads.js";
@@ -66,11 +67,9 @@ export function* searchSteps(image, layout, avoid = []) {
  * @returns {boolean}
  */
 export function isAt(corners, places) {
-  const apart = (/** @type {Point} */ one, /** @type {Point} */ other) =>
-    Math.hypot(one[0] - other[0], one[1] - other[1]);
-  const near = SAME_PLACE * corners.length * apart(corners[0], corners[2]);
+  const near = SAME_PLACE * corners.length * distance(corners[0], corners[2]);
   return places.some(
-    (place) => corners.reduce((sum, corner, i) => sum + apart(corner, place[i]), 0) < near,
+    (place) => corners.reduce((sum, corner, i) => sum + distance(corner, place[i]), 0) < near,
   );
 }
 

@@ -13,6 +13,7 @@ import {
   homographyFromCorners,
   homographyFromPoints,
   inImage,
+  sideLengths,
   transform,
 } from "../link/geometry.js";
 import { multiply3 } from "../link/linear.js";
@@ -85,19 +86,6 @@ export function levelFor(corners, width, height, levels) {
   const ratio = Math.min(Math.min(top, bottom) / width, Math.min(left, right) / height);
   const level = Math.floor(Math.log2(Math.max(ratio, 1e-3) / FINEST_PX) + 0.5);
   return Math.min(Math.max(level, 0), levels - 1);
-}
-
-/**
- * Measure the sides of a quadrilateral: top, right, bottom and left, in pixels.
- *
- * @param {Quad} corners
- * @returns {number[]}
- */
-export function sideLengths(corners) {
-  return corners.map(([x, y], i) => {
-    const [nextX, nextY] = corners[(i + 1) & 3];
-    return Math.hypot(nextX - x, nextY - y);
-  });
 }
 
 /**

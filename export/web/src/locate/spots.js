@@ -8,7 +8,7 @@
 
 import { locateSpots } from "../generated/constants.js";
 import { scaled } from "../image/shrink.js";
-import { homographyFromPoints, inImage, transform } from "../link/geometry.js";
+import { distance, homographyFromPoints, inImage, transform } from "../link/geometry.js";
 import { determinant, inverse, multiply3 } from "../link/linear.js";
 import { SEEN_PX, WINDOW_PX, bankSteps, compare } from "./bank.js";
 import { patchCentres } from "./patches.js";
@@ -103,14 +103,6 @@ function bestApart(matches) {
     }
   }
   return kept;
-}
-
-/**
- * @param {Point} one
- * @param {Point} other
- */
-function distance(one, other) {
-  return Math.hypot(one[0] - other[0], one[1] - other[1]);
 }
 
 /**

@@ -1,6 +1,7 @@
 /** Move the corners of a proposal to where its pilots fit the grid, and say whether that is sure. */
 
 import { pilotsSearchSettle } from "../../generated/constants.js";
+import { distance } from "../../link/geometry.js";
 import { mapSize, movedCorners } from "../motion.js";
 import { expectedChanges, overDeviation } from "../signal.js";
 import { blockFitSteps, blockMaps } from "./allBlocks.js";
@@ -129,7 +130,7 @@ function* byParts({ corners, layout, toggling }, frames) {
     yield MOVE_WORK;
     if (fit === null) break;
     const there = movedCorners(corners, fit.HOldFromNew, layout);
-    const far = Math.max(...corners.map(([x, y], i) => Math.hypot(there[i][0] - x, there[i][1] - y)));
+    const far = Math.max(...corners.map((corner, i) => distance(there[i], corner)));
     corners = there;
     if (fit.parts >= MANY && far < SETTLED_PX) break;
   }
