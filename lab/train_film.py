@@ -153,10 +153,8 @@ def record(recording: Recording) -> list[str]:
         bits = shown_bits(scores, layout, filmed.bits)
         if bits is None:
             continue
-        arrays = asdict(window) | {"bits": bits, "mask": layout.message_mask}
-        arrays["frames"] = window.frames.astype(np.float16)
         name = f"{take.settings.name(take.seed)}_{take.name.replace(' ', '_')}_{at}.npz"
-        np.savez(recording.folder / name, **arrays)
+        save_window(recording.folder / name, window, bits, layout)
         names.append(name)
     return names
 
@@ -179,6 +177,12 @@ def recordings(config: TrainFilmConfig) -> dict[str, Recording]:
     return chosen
 
 
+def save_window(file: Path, window: FilmWindow, bits: NDArray[np.float32], layout: Layout) -> None:
+    """Keep a window and the (count, n_bits) bits that it shows; gray levels become float16."""
+    arrays: dict[str, Any] = window.inputs | {"frames": window.frames.astype(np.float16)}
+    np.savez(file, **arrays, bits=bits, mask=layout.message_mask)
+
+
 def load_window(file: Path) -> tuple[list[torch.Tensor], torch.Tensor, torch.Tensor]:
     """Load a kept window.
 
@@ -187,17 +191,8 @@ def load_window(file: Path) -> tuple[list[torch.Tensor], torch.Tensor, torch.Ten
         message.
     """
     with np.load(file, allow_pickle=False) as stored:
-        arrays = {name: stored[name] for name in stored.files}
-    window = FilmWindow(
-        frames=arrays["frames"].astype(np.float32),
-        seen=arrays["seen"],
-        known=arrays["known"],
-        times=arrays["times"],
-        clock=arrays["clock"],
-        first=int(arrays["first"]),
-        count=int(arrays["count"]),
-    )
-    return film_tensors(window), torch.from_numpy(arrays["bits"]), torch.from_numpy(arrays["mask"])
+        frames, *others, bits, mask = (torch.from_numpy(stored[name]) for name in stored.files)
+    return [frames.float(), *others], bits, mask
 
 
 def loss_of(module: FilmDecoder, file: Path) -> torch.Tensor:

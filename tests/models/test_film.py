@@ -9,6 +9,7 @@ from tolerances import FILM_SCORE
 
 from export.film_graph import FilmGraph, reads_films
 from export.parity import FILM_TOLERANCE, compare_films, film_tensors, synthetic_window
+from lab.train_film import load_window, loss_of, save_window
 from link.layout import make_layout
 from models import FILM_GRAPH
 from models.neural.checkpoint import load_weights, read_config
@@ -88,12 +89,14 @@ def test_a_lamp_that_flickers_and_a_hand_that_trembles_cost_little(decoder):
     assert share_right(score(decoder, moved), bits, moved) >= MIXED_BITS
 
 
-def test_gradients_reach_every_learned_number():
-    module = FilmDecoder()
-    window, bits = window_of(noise=40.0, frames=10)
-    scores = module(*film_tensors(window))[:, torch.from_numpy(LAYOUT.message_mask)]
-    target = torch.from_numpy(bits.astype(np.float32))
-    torch.nn.functional.binary_cross_entropy_with_logits(scores, target).backward()
+def test_a_kept_window_trains_every_learned_number(tmp_path):
+    module, (window, bits) = FilmDecoder(), window_of(noise=40.0, frames=10)
+    save_window(tmp_path / "window.npz", window, bits.astype(np.float32), LAYOUT)
+    for kept, given in zip(
+        load_window(tmp_path / "window.npz")[0], film_tensors(window), strict=True
+    ):
+        torch.testing.assert_close(kept, given, atol=2**-4, rtol=0)  # frames have 11 bits
+    loss_of(module, tmp_path / "window.npz").backward()
     for name, parameter in module.named_parameters():
         assert parameter.grad is not None, name
         assert torch.isfinite(parameter.grad).all(), name
