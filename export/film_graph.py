@@ -13,9 +13,9 @@ from link.layout import Layout
 from link.pilot_code import PLAIN, PilotCode
 from link.types import Array, Map
 
-GRID_STEP = 8
-"""Numbers of rows and columns of blocks that the graph reads are multiples of this, from twice of
-it on, since moire is looked for in windows of so many blocks (`models.neural.ripple`)."""
+LEAST_SIDE = 16
+"""Smallest number of rows, and of columns, of blocks that the graph reads; it was trained on no
+fewer."""
 SHRINK = 2
 """Number of pixels, along each axis, that are averaged before the graph sees a frame."""
 FILM_FORMAT = "film 2"
@@ -105,7 +105,5 @@ def reads_films(layout: Layout) -> bool:
     >>> [name for name, preset in PRESETS.items() if reads_films(preset.layout)]
     ['hidden', 'fast', 'robust']
     """
-    grid = layout.rows, layout.cols
-    fits = all(count % GRID_STEP == 0 and count >= 2 * GRID_STEP for count in grid)
     plain = layout.modulation == "antipodal" and layout.colour == "gray"
-    return bool(layout.pilots) and plain and fits
+    return bool(layout.pilots) and plain and min(layout.rows, layout.cols) >= LEAST_SIDE

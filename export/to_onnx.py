@@ -13,7 +13,7 @@ import torch
 import tyro
 from onnxscript.values import Opset
 
-from export.film_graph import FILM_FORMAT, GRID_STEP, SHRINK, FilmGraph
+from export.film_graph import FILM_FORMAT, LEAST_SIDE, SHRINK, FilmGraph
 from export.orphan import end_with_parent
 from export.parity import Parity, compare_films, compare_with_torch
 from export.runtime import FORMAT, Decoder
@@ -99,7 +99,7 @@ def film_to_onnx(module: FilmDecoder) -> bytes:
     size = layout.height // SHRINK, layout.width // SHRINK
     dims = torch.export.Dim
     frames, pairs = dims("frames", min=4, max=256), dims("pairs", min=2, max=256)
-    rows, cols = (GRID_STEP * dims(name, min=2, max=128) for name in ("rows", "cols"))
+    rows, cols = (dims(name, min=LEAST_SIDE, max=1024) for name in ("rows", "cols"))
     height, width = (dims(name, min=32, max=MAX_SIDE_PX) for name in ("height", "width"))
     example = {
         "frames": torch.zeros(12, 1, *size),

@@ -18,7 +18,6 @@ STUDIES = {
     "page": ("lab.films.page", "the receiver in the browser beside Python's"),
     "pilot_search": ("lab.films.pilot_search", "how often displays are found by their pilots"),
     "rates": ("lab.films.rates", "how fast presets deliver a message"),
-    "today": ("lab.films.today", "what cameras and displays of today read, and what disturbs them"),
     "visibility": ("lab.visibility", "how visible the presets and other settings are"),
 }
 """Module that holds each study as ``STUDY``, and the question that it answers, by its name."""

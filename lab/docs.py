@@ -73,21 +73,6 @@ STEPS |= {
 }
 STEPS |= {"film": "lab film --states 60 --keep"}
 STEPS |= {
-    f"today_{name}": f"lab today {flags} --keep"
-    for name, flags in {
-        "robust": '--settings "robust, 30 fps" --runs 20',
-        "hidden": '--settings "hidden, 60 fps" --runs 20',
-        "hidden_30": '--settings "hidden, 30 fps" --runs 20',
-        "paper": '--settings "paper, 30 fps" --runs 3',
-        "fast": '--settings "fast, 60 fps" --runs 3',
-        "hidden_120": '--settings "hidden, 120 fps" --runs 3',
-        "robust_effects": '--settings "robust, 30 fps" --runs 1 --without nothing scan response '
-        "auto_exposure parallax distortion flicker ambient",
-        "hidden_six_bits": '--settings "hidden, 60 fps" --pairs phone-sixbit --runs 20 '
-        "--without nothing frame_rate_control",
-    }.items()
-}
-STEPS |= {
     f"rates_{name}": f"lab rates {flags} --keep"
     for name, flags in {
         "fast": "--settings fast --views 0 --runs 6",

@@ -41,7 +41,10 @@ from models.neural.film import FilmDecoder
 from models.neural.training import check_rate
 from reports.engine.backends import Backend, one_thread
 
-TRAINED = ("hidden", "faint", "slow camera", "slanted", "fast", "robust")
+TRAINED = (
+    "hidden", "hidden, 30 fps", "hidden, 60 fps", "faint", "slow camera", "slanted", "fast",
+    "robust",
+)  # fmt: skip
 """Settings of `lab.films.rates` whose films train the decoder."""
 MOST_VIEW = 60.0
 """Largest angle between the camera and the normal of the display, degrees."""
@@ -56,15 +59,15 @@ all bits are wrong by chance."""
 class TrainFilmConfig:
     """Film, train, export."""
 
-    films: int = 68
+    films: int = 102
     """Number of films, dealt out evenly to settings and camera-display pairs."""
     seconds: float = 1.4
     """Length of each film, seconds."""
-    steps: int = 150
+    steps: int = 600
     """Number of the optimiser's steps."""
     batch: int = 4
     """Number of windows in a step."""
-    lr: float = 0.02
+    lr: float = 0.03
     """Learning rate of Adam at the start; it falls to zero on a cosine."""
     seed: int = 0
     """Seed of every random draw."""

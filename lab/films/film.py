@@ -1,12 +1,14 @@
 """What whole windows of film tell beyond frame pairs, on the same films.
 
-Each film is read twice: by frame pairs alone, and by windows of frames (`models.neural.film`) with
-frame pairs where the picture moves. Both receivers find, follow and time the display by themselves,
-and both read on to the film's end, so that all films count alike.
+Each film is read several times: by frame pairs alone, and by windows of frames with frame pairs
+where the picture moves; by the paper's method, by a plain linear one, and by the decoders that
+ship. All receivers find, follow and time the display by themselves, and all read on to the film's
+end, so that all films count alike.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -15,13 +17,19 @@ import pandas as pd
 
 from data_gen.film.codec import through_codec
 from data_gen.pairs import pair_names
-from export.film_graph import FilmGraph
+from export.film_graph import FilmGraph, FilmScorer
 from export.runtime import OWN_TIME_LIMIT_S, Decoder
+from lab.films.baselines import FilmBaseline
 from lab.films.rates import RatesFlags, check_rates
 from lab.films.trial import FilmReading, Take, film_message
 from lab.study import Results, Study, Workshop
 from link.errors import at_least
+from link.frames import Rectified, SoftBits
+from link.images import as_rgb
+from link.layout import Layout
+from link.types import Image
 from models import FILM_GRAPH
+from models.classical.oorc import OORC
 from reports.engine.backends import one_thread
 from reports.render.tables import Table, number, percent
 from reports.score.reliability import (
@@ -31,8 +39,17 @@ from reports.score.reliability import (
     merge_bins,
 )
 
-METHODS = ("pairs", "film")
-"""How films are read."""
+METHODS: dict[str, tuple[bool, Callable[[], FilmScorer] | None]] = {
+    "oorc, pairs": (False, None),
+    "learned, pairs": (True, None),
+    "oorc, film": (False, FilmBaseline),
+    "linear, film": (False, partial(FilmBaseline, degree=1, smooth=True)),
+    "learned, film": (True, partial(FilmGraph, FILM_GRAPH, 1)),
+}
+"""How films are read, by name: whether frame pairs are decoded by the graph that ships, or else by
+OORC; and what makes the reader of windows of film, or None where they are not read."""
+LEARNED = ("learned, pairs", "learned, film")
+"""Methods whose ratio the table gives."""
 COMPARED = ("hidden", "faint", "slow camera", "slanted", "fast", "robust")
 """Settings that are compared, keys of `lab.films.rates.SETTINGS`."""
 
@@ -91,18 +108,36 @@ class Comparison:
     """Its length, seconds."""
 
 
-def read_both(item: Comparison) -> list[dict[str, Any]]:
-    """Film, and let both receivers read.
+class ReferenceDecoder:
+    """Decodes frame pairs by OORC (`models.classical.oorc`), as a receiver asks for it.
+
+    Its scores are margins of an SVM and no log-likelihood ratios, as their calibration error says.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        self.layout = layout
+
+    def prepare(self) -> None:
+        """Do nothing: there is nothing to load."""
+
+    def decode(self, original: Image, embedded: Image, /) -> SoftBits:
+        """Score the message bits of two rectified frames."""
+        return OORC().decode(Rectified(as_rgb(original), as_rgb(embedded), self.layout))
+
+
+def read_film(item: Comparison) -> list[dict[str, Any]]:
+    """Film, and let all receivers read.
 
     Returns:
         the fields of a `Reading` for each of `METHODS`.
     """
     one_thread()
     take, filmed = item.take, film_message(item.take)
-    decoder = Decoder(take.model, 1, OWN_TIME_LIMIT_S)
+    shipped = Decoder(take.model, 1, OWN_TIME_LIMIT_S)
+    reference = ReferenceDecoder(take.settings.layout)
     readings = {
-        "pairs": FilmReading(filmed, decoder),
-        "film": FilmReading(filmed, decoder, FilmGraph(FILM_GRAPH, 1)),
+        name: FilmReading(filmed, shipped if ships else reference, film() if film else None)
+        for name, (ships, film) in METHODS.items()
     }
     for frame in through_codec(filmed.frames, take.settings.codec, take.settings.fps):
         if frame.time_s > item.seconds:
@@ -127,44 +162,51 @@ def measure_films(flags: FilmFlags, workshop: Workshop) -> FilmContent:
         take = Take(settings, pair, view, run, flags.seed)
         items[f"{name} {take.name}"] = Comparison(take, name, flags.states / settings.state_hz)
     inputs = sorted({item.take.model for item in items.values()})
-    read = workshop.each(read_both, items, [*inputs, FILM_GRAPH])
+    read = workshop.each(read_film, items, [*inputs, FILM_GRAPH])
     readings = [
         Reading(**{**each, "bins": [Bin(**one) for one in each["bins"]]})
-        for both in read.values()
-        for each in both
+        for by_methods in read.values()
+        for each in by_methods
     ]
     return FilmContent(readings)
 
 
 def film_blocks(results: Mapping[str, Results[FilmContent]]) -> dict[str, str]:
-    """Tabulate both methods beside each other, by setting and view."""
+    """Tabulate all methods beside each other, by setting and view."""
     all_readings = [each for stored in results.values() for each in stored.content.readings]
     runs = pd.DataFrame([vars(each) for each in all_readings])
-    rows = []
+    told, errors = [], []
     for (setting, view), cell in runs.groupby(["setting", "view_deg"], sort=False):
         by = {method: cell[cell["method"] == method] for method in METHODS}
-        knew = {
-            method: each.groupby(["pair", "run"])[["bins", "bits"]].apply(_information)
-            for method, each in by.items()
-        }
-        both = pd.DataFrame(knew).dropna()
-        ratios = both["film"] / both["pairs"]
-        wrong = [percent(each["bits_wrong"].sum() / each["bits"].sum()) for each in by.values()]
-        means = [number(both[method].mean(), 3) for method in METHODS]
-        errors = [number(calibration_error(merge_bins(each["bins"])), 3) for each in by.values()]
+        knew = pd.DataFrame(
+            {
+                method: each.groupby(["pair", "run"])[["bins", "bits"]].apply(_information)
+                for method, each in by.items()
+            }
+        ).dropna()
+        pairs, film = (knew[method] for method in LEARNED)
+        ratios = film / pairs
+        means = [number(knew[method].mean(), 3) for method in METHODS]
         spread = f"{number(ratios.min(), 2)} – {number(ratios.max(), 2)}"
-        ratio = number(both["film"].mean() / (both["pairs"].mean() or float("nan")), 2)
-        rows.append([setting, f"{view:g}°", str(len(both)), *wrong, *means, ratio, spread, *errors])
-    heads = (
-        "setting", "view", "films", "wrong %, pairs", "film", "bits a block, pairs", "film",
-        "ratio", "least and largest", "calibration error, pairs", "film",
-    )  # fmt: skip
-    title = (
-        "Simulated hand-held video at 1280 × 720, read by frame pairs and by windows of film; "
-        "information in bits a block and frame pair, mean over films that both read "
-        "(`python -m lab film`):"
+        ratio = number(film.mean() / (pairs.mean() or float("nan")), 2)
+        place = (setting, f"{view:g}°")
+        told.append([*place, str(len(knew)), *means, ratio, spread])
+        wrong = [percent(each["bits_wrong"].sum() / each["bits"].sum()) for each in by.values()]
+        bins = [merge_bins(each["bins"]) for each in by.values()]
+        errors.append([*place, *wrong, *(number(calibration_error(each), 3) for each in bins)])
+    names = tuple(METHODS)
+    told_title = (
+        "Simulated hand-held video at 1280 × 720: information in bits a block and frame pair, mean "
+        f"over films that all methods read; ratio of {LEARNED[1]} to {LEARNED[0]} of the means, "
+        "and its least and largest of a film (`python -m lab film`):"
     )
-    return {"film": Table(heads, rows, title, left=2).markdown()}
+    errors_title = "The same films: bits wrong %, then the calibration error, by method:"
+    told_heads = ("setting", "view", "films", *names, "ratio", "least and largest")
+    errors_heads = ("setting", "view", *names, *names)
+    return {
+        "film": Table(told_heads, told, told_title, left=2).markdown(),
+        "film_errors": Table(errors_heads, errors, errors_title, left=2).markdown(),
+    }
 
 
 def _information(films: pd.DataFrame) -> float:

@@ -26,8 +26,8 @@ from data_gen.frame_pair import Source, shuffled_pictures
 from data_gen.pairs import get_pair, pair_names
 from data_gen.pictures.library import Picture
 from export.film_graph import FilmScorer
+from export.receive.decoders import PairDecoder
 from export.receive.receiver import Receiver, ReceiverStep
-from export.runtime import Decoder
 from link.code.framing import encode, frames_needed
 from link.embed import check_kappa, embed
 from link.errors import ParameterError, at_least, choose, each_once
@@ -290,7 +290,7 @@ class FilmReading:
     def __init__(
         self,
         filmed: MessageFilm,
-        decoder: Decoder | Sequence[Decoder],
+        decoder: PairDecoder | Sequence[PairDecoder],
         film: FilmScorer | None = None,
     ) -> None:
         self._filmed = filmed

@@ -12,7 +12,8 @@ being mixed: pairs that share a frame are solved together.
 
 As in `models.neural.refine`, the pilots start it and the message's blocks finish it: each round
 solves the ridge problems of all frames (convex, in closed form) with the bits expected so far,
-estimates the noise of each block over time and of each frame over the blocks, and then the bits.
+estimates the noise of each block over time, of each frame over the blocks, and what many blocks do
+together (`models.neural.patterns`), and then the bits.
 The rounds are those of expectation maximisation (Dempster, Laird & Rubin 1977) with a mean field
 over the pairs.
 """
@@ -26,10 +27,10 @@ from torch.nn.functional import conv2d, pad
 
 from link.strength import AROUND_BLOCKS, UNCERTAINTY_BLOCKS
 from models.neural.decoder import bin_mean
+from models.neural.patterns import Patterns
 from models.neural.refine import GRAY_LEVELS, logs, typical_response, with_surprises
 from models.neural.refine_pilots import LEAST_RESPONSE
 from models.neural.register import derivatives
-from models.neural.ripple import Ripple
 from models.neural.solver import inverse
 
 SLOTS = 3
@@ -37,8 +38,8 @@ SLOTS = 3
 reads anything, and as much again for rows that are exposed and written one after the other."""
 ROUNDS = 3
 """Number of rounds after the first, in which the pilots alone are known."""
-RIPPLE_ROUND = 2
-"""Round in which the waves that moire and flicker leave are estimated, once: they cost most."""
+PATTERNS_ROUND = 2
+"""First round that looks for patterns over the blocks: bits are known well enough by then."""
 FIRST_BAND, BANDS = 3, 6
 """Number of half waves over the rows of the slowest band of flicker, and how many bands there are;
 slower ones are polynomials."""
@@ -46,6 +47,8 @@ LEAST_VARIANCE = 1e-3
 """Squared gray levels that are added to the variance of a block, so that it is never 0."""
 LEAST_AMPLITUDE = 0.02
 """Smallest change of a block, in gray levels, for each unit of its bit's change."""
+LEAST_NOISE = 0.2
+"""Smallest share of a block's variance that counts as noise before any bit is known."""
 CLIP = 3.0
 """Residual, in standard deviations, up to which a block counts in a frame's coefficients."""
 DISPLAY_GAMMA, BLACK_LIGHT = 2.2, 0.01
@@ -97,8 +100,8 @@ class Mixture:
 class FilmDecoder(nn.Module):
     """Decodes all frame pairs of a window of frames together; about fifty learned numbers.
 
-    Layouts have pilots, the modulation "antipodal" and at least `WINDOW` rows and columns. The
-    grid is free, so one module and one graph serve all of them.
+    Layouts have pilots and the modulation "antipodal". The grid is free, so one module and one
+    graph serve all of them.
 
     >>> decoder = FilmDecoder()
     >>> known = torch.zeros(16, 16)
@@ -118,7 +121,7 @@ class FilmDecoder(nn.Module):
         self.bends = logs(0.4, 0.4, 0.2, 0.15, 0.15, 0.7)
         self.nuisance = logs(3.0, 3.0, 3.0, 3.0, 3.0, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5)
         self.bands = logs(0.5)
-        self.motion = logs(0.1, 0.05, 0.05, 0.1, 0.05, 0.05, 0.1)
+        self.motion = logs(0.1, 0.05, 0.05, 0.1, 0.05, 0.05, 0.05, 0.1)
         self.spill = logs(0.06, 0.06)
         # gradient, in gray levels per pixel, at which a pixel's weight in its block is halved
         self.texture = logs(16.0)
@@ -162,22 +165,24 @@ class FilmDecoder(nn.Module):
         reference = frames.mean(0, keepdim=True) / GRAY_LEVELS
         picture, changes = self.look(frames, reference, rows, cols)
         seen = seen.flatten(1)
-        mixture = mix(picture, seen, times, clock, pairs, order)
+        mixture = mix(picture.x, picture.y, seen, times, clock, pairs, order)
         state = Estimates(
             x=known.expand(pairs.shape[0], -1),
             amplitude=torch.zeros_like(known),
             signal=torch.zeros_like(changes),
             spilled=torch.zeros_like(changes),
-            wave=torch.zeros_like(changes),
             offset=torch.zeros_like(known),
             variance=picture.variance * ((changes * seen) ** 2).mean() + LEAST_VARIANCE,
             frame_noise=torch.ones_like(changes[:, :1]),
+            patterns=Patterns.none(frames.shape[0]),
         )
-        ripple = Ripple(rows, cols)
         llr = state.x
         for number in range(ROUNDS + 1):
-            left = self._explain(changes, seen, picture, state, ripple, number == RIPPLE_ROUND)
+            left = self._explain(changes, seen, picture, state)
             self._estimate_noise(left, seen, picture, mixture, state)
+            if number >= PATTERNS_ROUND:
+                z = left / (state.variance * state.frame_noise).sqrt()
+                state.patterns = state.patterns.refit(z.clamp(-CLIP, CLIP))
             llr = self._decide(left, seen, known, picture, mixture, state, first=number == 0)
             self._expect(mixture, state, rows, cols)
         llr = with_surprises(self.temperature.double().exp() * llr.double(), self.surprise)
@@ -212,11 +217,7 @@ class FilmDecoder(nn.Module):
         maps = torch.cat([*P, gx, gy, xx + yy, steepness], dim=1)
         means = (down @ (maps * weights) @ along / total)[0].flatten(1)  # (9, B)
         changes = down @ ((frames - GRAY_LEVELS * reference) * weights) @ along / total
-        y, x = (
-            ((2 * torch.arange(count) + 1) / count - 1).reshape(shape).expand(rows, cols)
-            for count, shape in ((rows, (-1, 1)), (cols, (1, -1)))
-        )
-        x, y = x.reshape(1, -1), y.reshape(1, -1)
+        x, y = block_places(rows, cols)
         light = (means[1] / 2 + 0.5).clamp_min(0.002) ** DISPLAY_GAMMA
         mask = self._masking(light.reshape(1, 1, rows, cols)).reshape(1, -1)
         return ReferenceBlocks(
@@ -263,7 +264,8 @@ class FilmDecoder(nn.Module):
                 torch.cos(waves * (y + 1)) * self.bands.exp(),
                 slopes[:1] * places * motion[:3],
                 slopes[1:2] * places * motion[3:6],
-                slopes[2:] * motion[6:],
+                (slopes[:1] * x + slopes[1:2] * y) * places[1:] * motion[6:7],
+                slopes[2:] * motion[7:],
             ]
         )
 
@@ -279,8 +281,6 @@ class FilmDecoder(nn.Module):
         seen: Tensor,
         picture: ReferenceBlocks,
         state: "Estimates",
-        ripple: Ripple,
-        find_waves: bool,
     ) -> Tensor:
         """Take away what changes whatever the bits: (T, B) what neither it nor the bits explain.
 
@@ -291,16 +291,11 @@ class FilmDecoder(nn.Module):
         products = ((N * weight) @ N.T).double() + torch.eye(N.shape[0], dtype=torch.float64)
         solver = inverse(products.unsqueeze(0))[0].float() @ (N * weight)  # (n, B)
         limit = CLIP * (state.variance * state.frame_noise).sqrt()
-        target = (changes - state.offset - state.signal - state.wave) * seen
+        target = (changes - state.offset - state.signal) * seen
         fitted = (clip(target, limit) @ solver.T) @ N
         for _ in range(2):
             fitted = ((fitted + seen * clip(target - fitted, limit)) @ solver.T) @ N
         left = (target - fitted) * seen
-        if find_waves:
-            deviation = limit / CLIP
-            grid = (left / deviation).reshape(left.shape[0], 1, ripple.rows, ripple.cols)
-            state.wave = deviation * ripple(grid).flatten(1) * seen
-            left = left - state.wave
         frames = seen.sum(0, keepdim=True).clamp_min(1)
         shift = clip(left, limit).sum(0, keepdim=True) / frames
         state.offset = state.offset + shift
@@ -342,24 +337,31 @@ class FilmDecoder(nn.Module):
 
         In the ``first`` round the pilots alone tell the amplitude.
         """
-        variance = state.variance * state.frame_noise
+        variance, patterns = state.variance * state.frame_noise, state.patterns
         tails, shares = self.tails.exp(), mixture.shares
-        weight = seen * (tails + 1) / (tails + left * left / variance) / variance
+        weight = seen * (tails + 1) / (tails + left * left / variance) / (variance * patterns.rest)
         shown = left + state.signal - state.spilled  # what the bits of the blocks themselves show
         energy = shares * shares
         certain = known * known if first else torch.ones_like(known)
         mixed = mixture.mixed(state.x)
         doubt = (energy * (certain - mixture.of_slots(state.x**2))).sum(1)
-        across = (mixed * shown * weight).sum(0)
-        among = ((mixed * mixed + doubt) * weight).sum(0)
+        shown, mixed_weighed = (patterns.weigh(each, weight) for each in (shown, mixed))
+        across = (mixed * shown).sum(0)
+        among = (mixed * mixed_weighed + doubt * weight).sum(0)
         S = picture.S
         prior = torch.eye(S.shape[0], dtype=torch.float64) / (2 * self.amplitude.double()).exp()
         covariance = inverse(((S * among) @ S.T).double().add(prior).unsqueeze(0))[0].float()
         amplitude = ((covariance @ (S @ across.unsqueeze(1))).T @ S).clamp_min(LEAST_AMPLITUDE)
-        own = mixture.sums(energy * weight.unsqueeze(1))
-        matched = mixture.sums(shares * (weight * shown).unsqueeze(1))
+        own = patterns.energy(shares, weight, mixture.sums)
+        matched = mixture.sums(shares * shown.unsqueeze(1))
+        explained = mixture.sums(shares * mixed_weighed.unsqueeze(1))
+        if first:  # what the bits do is still a part of each block's variance
+            signal = amplitude**2 * (energy.sum(1) * seen).sum(0) / seen.sum(0).clamp_min(1)
+            noise = (1 - signal / state.variance).clamp_min(LEAST_NOISE)
+            state.variance = noise * state.variance
+            own, matched, explained = own / noise, matched / noise, explained / noise
         doubted = 1 + (self.spread.exp() * amplitude) ** 2 * own
-        explained = mixture.sums(shares * (mixed * weight).unsqueeze(1)) - own * state.x
+        explained = explained - own * state.x
         llr: Tensor = 2 * amplitude * (matched - amplitude * explained) / doubted
         state.x = known + (1 - known * known) * (llr / 2).tanh()
         state.amplitude = amplitude
@@ -389,18 +391,28 @@ class Estimates:
     """(T, B) what the bits explain of each frame, gray levels."""
     spilled: Tensor
     """(T, B) the part of it that comes from neighbouring blocks."""
-    wave: Tensor
-    """(T, B) waves that moire and flicker leave, gray levels."""
     offset: Tensor
     """(1, B) how far the mean over the window is off, gray levels."""
     variance: Tensor
     """(1, B) variance of each block's mean from frame to frame, squared gray levels."""
     frame_noise: Tensor
     """(T, 1) variance of each frame relative to the others."""
+    patterns: Patterns
+    """What many blocks do together."""
+
+
+def block_places(rows: int, cols: int) -> tuple[Tensor, Tensor]:
+    """Give the (1, B) places x and y of the centres of a grid's blocks, from -1 to 1."""
+    y, x = (
+        ((2 * torch.arange(count) + 1) / count - 1).reshape(shape).expand(rows, cols)
+        for count, shape in ((rows, (-1, 1)), (cols, (1, -1)))
+    )
+    return x.reshape(1, -1), y.reshape(1, -1)
 
 
 def mix(
-    picture: ReferenceBlocks,
+    x: Tensor,
+    y: Tensor,
     seen: Tensor,
     times: Tensor,
     clock: Tensor,
@@ -410,7 +422,8 @@ def mix(
     """Work out which pairs each frame mixes at each block.
 
     Args:
-        picture: gives the blocks' places.
+        x: (1, B) places of the blocks, as `block_places` gives them.
+        y: (1, B) the same from top to bottom.
         seen: (T, B) 1 where a frame shows a block, else 0.
         times: (T,) seconds.
         clock: (5,) as `FilmDecoder.forward` takes it.
@@ -418,7 +431,7 @@ def mix(
         order: (P,) 1 where a pair's original frame is shown first, else -1.
     """
     period, start, delay_x, delay_y, shutter = clock
-    delays = (delay_x * (picture.x + 1) + delay_y * (picture.y + 1)) / 2
+    delays = (delay_x * (x + 1) + delay_y * (y + 1)) / 2
     begins = (times.unsqueeze(1) + delays - start) / period  # (T, B) states, float64
     first = (begins.amin(1, keepdim=True) / 2).floor()  # (T, 1)
     length = (shutter / period).float()

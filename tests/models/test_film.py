@@ -95,7 +95,7 @@ def test_a_kept_window_trains_every_learned_number(tmp_path):
     for kept, given in zip(
         load_window(tmp_path / "window.npz")[0], film_tensors(window), strict=True
     ):
-        torch.testing.assert_close(kept, given, atol=2**-4, rtol=0)  # frames have 11 bits
+        torch.testing.assert_close(kept, given, atol=0, rtol=2**-11)  # frames have 11 bits
     loss_of(module, tmp_path / "window.npz").backward()
     for name, parameter in module.named_parameters():
         assert parameter.grad is not None, name
@@ -114,7 +114,6 @@ def test_layouts_that_are_read():
     for other in (
         make_layout(),
         make_layout(8, 8, modulation="antipodal", pilots="auto"),
-        make_layout(20, 32, modulation="antipodal", pilots="auto"),
         make_layout(24, 32, modulation="on_off", pilots="auto"),
         make_layout(24, 32, modulation="antipodal", pilots="auto", colour="chroma"),
     ):

@@ -21,8 +21,8 @@ from link.layout import Layout
 from link.types import Array, Image, Map
 from models.neural.config import CHANNELS
 
-WINDOW = 32
-"""Largest number of frames in a window; on the finest grid half of it, for the time it takes."""
+WINDOW, FINE_WINDOW = 32, 24
+"""Largest number of frames in a window, and in one of a fine grid, which takes longer."""
 LEAST_FRAMES = 8
 """Smallest number of frames in a window: its mean is the reference."""
 FINE_BLOCKS = 8000
@@ -67,7 +67,7 @@ class FilmDesk:
         self._frames: deque[FilmFrame] = deque(maxlen=kept)
         self._scored_at = -np.inf
         self._known = expected_changes(layout).astype(np.float32)
-        self._window = WINDOW // 2 if self._known.size > FINE_BLOCKS else WINDOW
+        self._window = FINE_WINDOW if self._known.size > FINE_BLOCKS else WINDOW
 
     def prepare(self) -> None:
         """Get ready: frames will soon come."""

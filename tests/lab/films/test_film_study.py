@@ -1,16 +1,39 @@
 """The comparison of frame pairs and windows of film."""
 
+from dataclasses import replace
+
+import numpy as np
+
+from export.parity import synthetic_window
+from lab.films.baselines import FilmBaseline
 from lab.films.film import METHODS, FilmContent, Reading, film_blocks
 from lab.study import Results
+from link.layout import make_layout
 from reports.score.reliability import Bin
+
+WELL_READ = 0.99
+"""Least share of right bits of a film with little noise."""
 
 
 def test_what_frame_pairs_do_not_read_has_dashes() -> None:
     sure = [Bin(low=0.9, high=0.95, count=10, correct=9, confidence=0.92, ci_low=0.6, ci_high=1.0)]
-    pairs, film = (
-        Reading("hidden, 30 fps", method, "canon-lg", 0.0, 0, "a", 10, 1, bins)
-        for method, bins in zip(METHODS, ([], sure), strict=True)
+    readings = [
+        Reading("hidden, 30 fps", method, "canon-lg", 0.0, 0, "a", 10, 1, sure)
+        for method in METHODS
+    ]
+    readings[1] = replace(readings[1], bins=[])
+    tables = film_blocks({"": Results({}, FilmContent(readings))})
+    told, errors = (
+        [cell.strip() for cell in tables[name].splitlines()[-1].strip("|").split("|")]
+        for name in ("film", "film_errors")
     )
-    table = film_blocks({"": Results({}, FilmContent([pairs, film]))})["film"]
-    cells = [cell.strip() for cell in table.splitlines()[-1].strip("|").split("|")]
-    assert cells[6:] == ["0.531", "–", "– – –", "–", "0.020"]
+    assert told[2:] == ["1", "0.531", "0.000", "0.531", "0.531", "0.531", "–", "– – –"]
+    assert errors[2:] == 5 * ["10.00"] + ["0.020", "–", "0.020", "0.020", "0.020"]
+
+
+def test_baselines_read_a_film_that_is_easy() -> None:
+    layout = make_layout(24, 32, modulation="antipodal", pilots="auto")
+    window, bits = synthetic_window(layout, np.random.default_rng(0), frames=24, noise=2.0)
+    for baseline in (FilmBaseline(), FilmBaseline(degree=1, smooth=True)):
+        decided = baseline.score(window)[1:-1, layout.message_mask] > 0
+        assert (decided == bits[1:-1]).mean() > WELL_READ

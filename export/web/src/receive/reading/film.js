@@ -14,7 +14,7 @@ import { MESH } from "./states.js";
 /** @typedef {import("./states.js").RectifiedFrame} RectifiedFrame */
 
 export const { WINDOW, LEAST_FRAMES, FINE_BLOCKS, STRIDE_S, SURE } = receiveReadingFilm;
-const { MISSED, FRESH_FRAMES } = receiveReadingFilm;
+const { FINE_WINDOW, MISSED, FRESH_FRAMES } = receiveReadingFilm;
 const { SHRINK } = filmGraph;
 
 /**
@@ -45,7 +45,7 @@ export class FilmDesk {
     this.#scorer = scorer;
     this.#kept = kept;
     this.#known = Float32Array.from(expectedChanges(layout));
-    this.#window = this.#known.length > FINE_BLOCKS ? WINDOW / 2 : WINDOW;
+    this.#window = this.#known.length > FINE_BLOCKS ? FINE_WINDOW : WINDOW;
   }
 
   /** Get ready: frames will soon come. */

@@ -1,0 +1,83 @@
+"""Patterns over the blocks of a film: the weights are those of their covariance."""
+
+import numpy as np
+import torch
+from scipy.linalg import subspace_angles
+
+from models.neural.patterns import COUNT, Patterns
+
+T, B = 24, 4000
+LARGEST_ANGLE = 0.1
+"""Largest angle, in radians, between the strengths that are found and those that were drawn."""
+
+
+LARGEST_ERROR = 0.15
+"""Largest error of the covariance of two frames, whose mean variance is 1."""
+
+
+def film(strengths, seed=0):
+    """Residuals (T, B) of blocks that have the patterns of (T, K) strengths, and noise."""
+    rng = np.random.default_rng(seed)
+    noise = rng.standard_normal((T, B))
+    return noise + strengths @ rng.standard_normal((strengths.shape[1], B))
+
+
+def fitted(z, times=6):
+    patterns = Patterns.none(T)
+    for _ in range(times):
+        patterns = patterns.refit(torch.from_numpy(z).float())
+    return patterns
+
+
+def covariance(patterns):
+    V = patterns.V.double().numpy()
+    return V @ V.T + float(patterns.rest) * np.eye(T)
+
+
+def test_patterns_are_found():
+    rng = np.random.default_rng(1)
+    strengths = 0.8 * rng.standard_normal((T, 2))
+    patterns = fitted(film(strengths))
+    found = np.linalg.svd(patterns.V.numpy())[0][:, :2]
+    assert subspace_angles(found, strengths).max() < LARGEST_ANGLE
+    drawn = np.eye(T) + strengths @ strengths.T
+    drawn = drawn * T / np.trace(drawn)  # the power of all is 1
+    assert np.abs(covariance(patterns) - drawn).max() < LARGEST_ERROR
+
+
+def test_frames_are_weighed_by_the_inverse_of_their_covariance():
+    """numpy inverts each block's own covariance, as a weight for each frame and block has it."""
+    rng = np.random.default_rng(2)
+    patterns = fitted(film(rng.standard_normal((T, 3))))
+    weight = rng.uniform(0.2, 2, (T, 5))
+    values = rng.standard_normal((T, 5))
+    expected = np.zeros_like(values)
+    for block in range(5):
+        deviation = np.diag(weight[:, block] ** -0.5 * float(patterns.rest) ** -0.5)
+        own = deviation @ covariance(patterns) @ deviation
+        expected[:, block] = np.linalg.solve(own, values[:, block])
+    given = patterns.weigh(torch.from_numpy(values).float(), torch.from_numpy(weight).float())
+    np.testing.assert_allclose(given.numpy(), expected, rtol=1e-3, atol=1e-4)
+
+
+def test_the_energy_of_a_pair_is_that_of_its_weighed_shares():
+    rng = np.random.default_rng(3)
+    patterns = fitted(film(rng.standard_normal((T, 3))))
+    weight = torch.from_numpy(rng.uniform(0.2, 2, (T, 5))).float()
+    shares = torch.from_numpy(rng.standard_normal((T, 1, 5))).float()
+    energy = patterns.energy(shares, weight, lambda slots: slots.sum(0))  # all of one frame pair
+    weighed = (shares[:, 0] * patterns.weigh(shares[:, 0], weight)).sum(0)
+    torch.testing.assert_close(energy[0], weighed, rtol=1e-4, atol=1e-4)
+
+
+def test_unseen_blocks_have_gradients():
+    weight = torch.zeros(T, 3, requires_grad=True)
+    patterns = fitted(film(np.ones((T, 1))))
+    patterns.weigh(torch.ones(T, 3), weight).sum().backward()
+    assert torch.isfinite(weight.grad).all()
+
+
+def test_patterns_change_nothing_before_they_are_fitted():
+    patterns, values = Patterns.none(T), torch.ones(T, 4)
+    torch.testing.assert_close(patterns.weigh(values, 2 * values), 2 * values)
+    assert patterns.V.shape == (T, COUNT)
