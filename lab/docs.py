@@ -61,16 +61,6 @@ STEPS |= {
         "30_30": "--state-hz 30 --fps 30",
     }.items()
 }
-FIVE = "--runs 2 --pairs canon-lg canon-samsung nikon-imac nikon-lg sony-samsung"
-"""Flags of the deliveries among patches that stand still."""
-STEPS |= {
-    f"still_{name}{still[8:]}": f"lab delivery --preset {name} {flags}{still} {FIVE} --keep"
-    for still in ("", " --still beside", " --still within", " --still whole")
-    for name, flags in {
-        "robust": "--kappa 3 --state-hz 15 --fps 30",
-        "hidden": "--kappa 1 --state-hz 60 --fps 60 --loops 8",
-    }.items()
-}
 STEPS |= {"film": "lab film --states 60 --keep"}
 STEPS |= {
     f"rates_{name}": f"lab rates {flags} --keep"

@@ -2,8 +2,7 @@
 
 Each run draws a picture, a room, a pose, the motion of the hand, both clocks, and the moment of the
 loop at which the camera joins. What a phone does to the frames is chosen: its processing, a codec
-(``--codec.name h264 --codec.kbits 8000``), lost frames; and so is whether patches that stand still
-are seen, too (``--still beside``). The same draws are filmed whatever is
+(``--codec.name h264 --codec.kbits 8000``), lost frames. The same draws are filmed whatever is
 chosen. The receiver gets the frames and their times alone.
 """
 
@@ -31,7 +30,7 @@ from lab.films.trial import (
 )
 from lab.study import Results, Study, StudyFlags, Workshop
 from link.errors import at_least
-from models import FILM_GRAPH, shipped_graphs
+from models import FILM_GRAPH
 from reports.engine.backends import one_thread
 from reports.engine.checked import Count, Share
 from reports.render.tables import Table, percent, share_interval
@@ -107,11 +106,8 @@ def deliver(take: Take) -> dict[str, Any]:
     """
     one_thread()
     filmed = film_message(take)
-    models = [take.model]
-    if take.settings.still:
-        models += [model for model in shipped_graphs().values() if model != take.model]
-    decoders = [Decoder(model, 1, OWN_TIME_LIMIT_S) for model in models]
-    reading = FilmReading(filmed, decoders, FilmGraph(FILM_GRAPH, 1))
+    decoder = Decoder(take.model, 1, OWN_TIME_LIMIT_S)
+    reading = FilmReading(filmed, decoder, FilmGraph(FILM_GRAPH, 1))
     for frame in through_codec(filmed.frames, take.settings.codec, take.settings.fps):
         reading.push(frame)
         if reading.ended:

@@ -125,7 +125,7 @@ class ReferenceDecoder:
         return OORC().decode(Rectified(as_rgb(original), as_rgb(embedded), self.layout))
 
 
-def read_film(item: Comparison) -> list[dict[str, Any]]:
+def read_methods(item: Comparison) -> list[dict[str, Any]]:
     """Film, and let all receivers read.
 
     Returns:
@@ -162,7 +162,7 @@ def measure_films(flags: FilmFlags, workshop: Workshop) -> FilmContent:
         take = Take(settings, pair, view, run, flags.seed)
         items[f"{name} {take.name}"] = Comparison(take, name, flags.states / settings.state_hz)
     inputs = sorted({item.take.model for item in items.values()})
-    read = workshop.each(read_film, items, [*inputs, FILM_GRAPH])
+    read = workshop.each(read_methods, items, [*inputs, FILM_GRAPH])
     readings = [
         Reading(**{**each, "bins": [Bin(**one) for one in each["bins"]]})
         for by_methods in read.values()

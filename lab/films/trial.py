@@ -24,26 +24,18 @@ from data_gen.film.scenes import SceneSettings
 from data_gen.film.stream import VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
 from data_gen.pairs import get_pair, pair_names
-from data_gen.pictures.library import Picture
 from export.film_graph import FilmScorer
 from export.receive.decoders import PairDecoder
 from export.receive.receiver import Receiver, ReceiverStep
 from link.code.framing import encode, frames_needed
-from link.embed import check_kappa, embed
+from link.embed import check_kappa
 from link.errors import ParameterError, at_least, choose, each_once
-from link.images import fit_picture
 from link.layout import Layout
 from link.loop import Loop, LoopStates
 from link.presets import PRESETS
 from models import shipped_graphs
 from reports.score.reliability import Bin, confidence_bins, merge_bins
 
-STILLS = {
-    "beside": "beside the display, on another one, and wherever the room shows pictures",
-    "within": "in the middle of the picture that carries the message",
-    "whole": "as the picture that carries the message, whose own patches stand still",
-}
-"""Where frames of the preset paper are seen that stand still."""
 MAX_LOOPS = 100.0
 """Largest number of loops of the message after which a run may be given up."""
 
@@ -66,9 +58,6 @@ class FilmSettings:
     pan_px: float = 0.0
     """Number of pixels by which the picture that carries the message moves to the right from one
     frame pair to the next, as in a video; 0 for a picture that stands still."""
-    still: str | None = None
-    """Where a frame of the preset paper is seen that stands still, a key of STILLS in
-    lab/films/trial.py: the receiver then looks for every preset. None for nowhere."""
     loops: float = 3.0
     """Number of loops of the message after which a run is given up."""
     coverage: tuple[float, float] = (0.15, 0.6)
@@ -117,7 +106,6 @@ class FilmSettings:
         ]
         words += ["x".join(map(str, self.size))] if self.size != SceneSettings.size else []
         words += [f"without_{effect}" for effect in self.without]
-        words += [f"still_{self.still}"] if self.still else []
         return "_".join([*words, *([self.codec.label] if self.codec.on else [])])
 
     def video(self, scene: SceneSettings, seconds: float | None = None) -> VideoSettings:
@@ -225,8 +213,6 @@ def film_message(take: Take) -> MessageFilm:
     source = Source(layout, take.split, take.seed, without=config.without)
     pictures = shuffled_pictures(source)
     picture = pictures[int(rng.integers(len(pictures)))]
-    if config.still:
-        picture, pictures = with_prints(config.still, picture, pictures, take.run)
     message = rng.bytes(config.n_bytes)
     bits = encode(message, layout.n_bits)
     shown = [picture.rgb]
@@ -244,38 +230,10 @@ def film_message(take: Take) -> MessageFilm:
     coverage = float(rng.uniform(*config.coverage))
     outside = float(rng.uniform(0, config.outside)) if config.outside else 0.0
     scene = SceneSettings(config.size, coverage, pictures=pictures, free=0.03, outside=outside)
-    scene = replace(scene, second_display=True) if config.still == "beside" else scene
     settings = config.video(scene, config.loops * 2 * len(bits) / config.state_hz)
     pair, shown_layout = source.pair(take.pair), source.display_layout
     frames = film(LoopStates(loop), shown_layout, pair, take.view, settings, rng)
     return MessageFilm(take, picture.name, message, bits, frames)
-
-
-def with_prints(
-    still: str, picture: Picture, pictures: Sequence[Picture], seed: int
-) -> tuple[Picture, Sequence[Picture]]:
-    """Turn pictures into frames of the preset paper, which have patches.
-
-    Args:
-        still: which of them; a key of `STILLS`.
-        picture: the one that carries the message.
-        pictures: those that the room shows.
-        seed: of the bits that are printed.
-    """
-    rng, (height, width) = np.random.default_rng(seed), picture.rgb.shape[:2]
-    paper = PRESETS["paper"].layout.resized(width, height)
-
-    def printed(each: Picture) -> Picture:
-        bits = rng.integers(0, 2, paper.n_bits)
-        return replace(each, rgb=embed(each.rgb, bits, paper, PRESETS["paper"].kappa).embedded)
-
-    if still == "beside":
-        return picture, [printed(each) for each in pictures]
-    if still == "whole":
-        return printed(picture), pictures
-    framed, top, left = picture.rgb.copy(), height // 4, width // 4
-    framed[top : 3 * top, left : 3 * left] = fit_picture(printed(picture).rgb, 2 * left, 2 * top)
-    return replace(picture, rgb=framed), pictures
 
 
 class FilmReading:
@@ -283,14 +241,14 @@ class FilmReading:
 
     Args:
         filmed: the film, whose truth is compared with what is read; its frames are not taken.
-        decoder: decoder of the receiver, or several, one for each layout that it looks for.
+        decoder: decoder of the receiver.
         film: film decoder of the receiver; None where it reads frame pairs alone.
     """
 
     def __init__(
         self,
         filmed: MessageFilm,
-        decoder: PairDecoder | Sequence[PairDecoder],
+        decoder: PairDecoder,
         film: FilmScorer | None = None,
     ) -> None:
         self._filmed = filmed
@@ -312,10 +270,7 @@ class FilmReading:
 
     def _note(self, step: ReceiverStep) -> None:
         """Compare what the receiver read with what was shown."""
-        n_bits = self._filmed.bits.shape[1]
         for scores in (pair.soft.scores for pair in step.pairs):
-            if len(scores) != n_bits:
-                continue  # a print was read, which has another layout
             shown = nearest_frame(scores, self._filmed.bits)
             self._wrong += int(((scores > 0) != shown).sum())
             self._decided += len(shown)
@@ -371,8 +326,6 @@ def check_settings(settings: FilmSettings) -> None:
     at_least(1, n_bytes=settings.n_bytes)
     check_kappa(settings.kappa)
     choose(PRESETS, settings.preset, "preset")
-    if settings.still is not None:
-        choose(STILLS, settings.still, "still")
     frames_needed(settings.n_bytes, settings.layout.n_bits, "n_bytes")
     if not 0 < settings.loops <= MAX_LOOPS:
         raise ParameterError(

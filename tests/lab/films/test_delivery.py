@@ -5,8 +5,6 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
 import pytest
 from conftest import ROOT, Command, slow
 from tolerances import FLOAT64
@@ -14,14 +12,12 @@ from tolerances import FLOAT64
 from data_gen.film.codec import CodecSettings
 from data_gen.film.phone import PhoneSettings
 from data_gen.film.scenes import SceneSettings
-from data_gen.pictures.library import Picture, load_pictures
 from lab import __main__ as lab
 from lab.films import delivery
-from lab.films.trial import FilmSettings, Take, with_prints
+from lab.films.trial import FilmSettings, Take
 from lab.study import DOCS, stored_results
 from link.errors import InputError
 from link.layout import make_layout
-from link.types import Image
 from reports.engine.backends import Backend
 from reports.engine.checked import seal
 from reports.engine.stored import each_result, resume
@@ -89,37 +85,13 @@ def test_one_that_fails_is_named_after_the_others_were_stored(tmp_path: Path) ->
         list(each_result(double, {"bad": -1}, Backend(), "double"))
 
 
-def test_patches_that_stand_still_are_where_they_are_asked_for() -> None:
-    pictures = load_pictures("test", 512, 384)[:3]
-    box = make_layout().cell_box(0, 0)[1::2]  # bottom and right of the first patch
-
-    def corner(picture: Picture, size: float = 1.0) -> Image:
-        starts = int((1 - size) * 192), int((1 - size) * 256)
-        rows, cols = (
-            slice(at, at + int(size * side)) for at, side in zip(starts, box, strict=True)
-        )
-        return picture.rgb[rows, cols]
-
-    patches = [corner(with_prints("whole", each, pictures, 0)[0]) for each in pictures]
-    np.testing.assert_array_equal(patches[0], patches[1])
-    carrier, room = with_prints("beside", pictures[0], pictures, 0)
-    assert carrier is pictures[0]
-    for picture in room:
-        np.testing.assert_array_equal(corner(picture), patches[0])
-    within, room = with_prints("within", pictures[0], pictures, 0)
-    assert room is pictures
-    small = cv2.resize(patches[0], None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-    np.testing.assert_array_equal(corner(within, 0.5), small)
-    assert FilmSettings(still="beside").camera == "still_beside"
-
-
 # The delivery of messages
 
 
 @pytest.mark.parametrize("label", STORED)
 def test_the_stored_summary_is_that_of_the_stored_runs(label: str) -> None:
     flags, content = STORED[label].meta["flags"], STORED[label].content
-    given = ("preset", "kappa", "state_hz", "fps", "n_bytes", "still")
+    given = ("preset", "kappa", "state_hz", "fps", "n_bytes")
     settings = FilmSettings(**{key: flags.get(key) for key in given})
     assert settings.name(flags["seed"]) == label
     found = delivery.summarise_deliveries(content.runs, settings)
