@@ -12,8 +12,8 @@ being mixed: pairs that share a frame are solved together.
 
 As in `models.neural.refine`, the pilots start it and the message's blocks finish it: each round
 solves the ridge problems of all frames (convex, in closed form) with the bits expected so far,
-estimates the noise of each block over time, of each frame over the blocks, and what many blocks do
-together (`models.neural.patterns`), and then the bits.
+estimates the noise of each block over time and of each frame over the blocks, and then the bits.
+The last round also knows what many blocks do together (`models.neural.patterns`).
 The rounds are those of expectation maximisation (Dempster, Laird & Rubin 1977) with a mean field
 over the pairs.
 """
@@ -27,7 +27,7 @@ from torch.nn.functional import conv2d, pad
 
 from link.strength import AROUND_BLOCKS, UNCERTAINTY_BLOCKS
 from models.neural.decoder import bin_mean
-from models.neural.patterns import Patterns
+from models.neural.patterns import find_patterns
 from models.neural.refine import GRAY_LEVELS, logs, typical_response, with_surprises
 from models.neural.refine_pilots import LEAST_RESPONSE
 from models.neural.register import derivatives
@@ -38,8 +38,6 @@ SLOTS = 3
 reads anything, and as much again for rows that are exposed and written one after the other."""
 ROUNDS = 3
 """Number of rounds after the first, in which the pilots alone are known."""
-PATTERNS_ROUND = 2
-"""First round that looks for patterns over the blocks: bits are known well enough by then."""
 FIRST_BAND, BANDS = 3, 6
 """Number of half waves over the rows of the slowest band of flicker, and how many bands there are;
 slower ones are polynomials."""
@@ -174,16 +172,12 @@ class FilmDecoder(nn.Module):
             offset=torch.zeros_like(known),
             variance=picture.variance * ((changes * seen) ** 2).mean() + LEAST_VARIANCE,
             frame_noise=torch.ones_like(changes[:, :1]),
-            patterns=Patterns.none(frames.shape[0]),
         )
         llr = state.x
         for number in range(ROUNDS + 1):
             left = self._explain(changes, seen, picture, state)
             self._estimate_noise(left, seen, picture, mixture, state)
-            if number >= PATTERNS_ROUND:
-                z = left / (state.variance * state.frame_noise).sqrt()
-                state.patterns = state.patterns.refit(z.clamp(-CLIP, CLIP))
-            llr = self._decide(left, seen, known, picture, mixture, state, first=number == 0)
+            llr = self._decide(left, seen, known, picture, mixture, state, number)
             self._expect(mixture, state, rows, cols)
         llr = with_surprises(self.temperature.double().exp() * llr.double(), self.surprise)
         return llr.float().reshape(pairs.shape[0], rows, cols)
@@ -331,41 +325,58 @@ class FilmDecoder(nn.Module):
         picture: ReferenceBlocks,
         mixture: Mixture,
         state: "Estimates",
-        first: bool,
+        number: int,
     ) -> Tensor:
         """Fit the signal's amplitude, then decide all pairs: (P, B) log-likelihood ratios.
 
-        In the ``first`` round the pilots alone tell the amplitude.
+        In the first round the pilots alone tell the amplitude, and a block's variance still holds
+        what its bits do. In the last round patterns over the blocks count less.
         """
-        variance, patterns = state.variance * state.frame_noise, state.patterns
-        tails, shares = self.tails.exp(), mixture.shares
-        weight = seen * (tails + 1) / (tails + left * left / variance) / (variance * patterns.rest)
+        variance, shares = state.variance * state.frame_noise, mixture.shares
+        tails, squares = self.tails.exp(), left * left / variance
+        weight = seen * (tails + 1) / (tails + squares) / variance
         shown = left + state.signal - state.spilled  # what the bits of the blocks themselves show
-        energy = shares * shares
-        certain = known * known if first else torch.ones_like(known)
-        mixed = mixture.mixed(state.x)
+        energy, mixed = shares * shares, mixture.mixed(state.x)
+        certain = torch.ones_like(known) if number else known * known
         doubt = (energy * (certain - mixture.of_slots(state.x**2))).sum(1)
-        shown, mixed_weighed = (patterns.weigh(each, weight) for each in (shown, mixed))
-        across = (mixed * shown).sum(0)
-        among = (mixed * mixed_weighed + doubt * weight).sum(0)
-        S = picture.S
-        prior = torch.eye(S.shape[0], dtype=torch.float64) / (2 * self.amplitude.double()).exp()
-        covariance = inverse(((S * among) @ S.T).double().add(prior).unsqueeze(0))[0].float()
-        amplitude = ((covariance @ (S @ across.unsqueeze(1))).T @ S).clamp_min(LEAST_AMPLITUDE)
-        own = patterns.energy(shares, weight, mixture.sums)
-        matched = mixture.sums(shares * shown.unsqueeze(1))
-        explained = mixture.sums(shares * mixed_weighed.unsqueeze(1))
-        if first:  # what the bits do is still a part of each block's variance
+        amplitude = self._fit_amplitude(mixed, doubt, shown, weight, picture.S)
+        if number == 0:
             signal = amplitude**2 * (energy.sum(1) * seen).sum(0) / seen.sum(0).clamp_min(1)
             noise = (1 - signal / state.variance).clamp_min(LEAST_NOISE)
-            state.variance = noise * state.variance
-            own, matched, explained = own / noise, matched / noise, explained / noise
+            weight, state.variance = weight / noise, state.variance * noise
+        if number == ROUNDS:
+            patterns = find_patterns((left / variance.sqrt()).clamp(-CLIP, CLIP))
+            weight = weight / patterns.rest
+            shown, mixed = (patterns.weigh(each, weight) for each in (shown, mixed))
+            own = patterns.energy(shares, weight, mixture.sums)
+        else:
+            shown, mixed = shown * weight, mixed * weight
+            own = mixture.sums(energy * weight.unsqueeze(1))
+        matched = mixture.sums(shares * shown.unsqueeze(1))
+        explained = mixture.sums(shares * mixed.unsqueeze(1)) - own * state.x
         doubted = 1 + (self.spread.exp() * amplitude) ** 2 * own
-        explained = explained - own * state.x
         llr: Tensor = 2 * amplitude * (matched - amplitude * explained) / doubted
         state.x = known + (1 - known * known) * (llr / 2).tanh()
         state.amplitude = amplitude
         return llr
+
+    def _fit_amplitude(
+        self, mixed: Tensor, doubt: Tensor, shown: Tensor, weight: Tensor, S: Tensor
+    ) -> Tensor:
+        """Fit the change of each block by a ridge problem over the columns S: (1, B) gray levels.
+
+        Args:
+            mixed: (T, B) what the exposures mix of the expected bits.
+            doubt: (T, B) variance of that, as the bits are not known.
+            shown: (T, B) what the bits show, gray levels.
+            weight: (T, B) inverse variances.
+            S: (k, B) columns of the signal.
+        """
+        across = (mixed * shown * weight).sum(0)
+        among = ((mixed * mixed + doubt) * weight).sum(0)
+        prior = torch.eye(S.shape[0], dtype=torch.float64) / (2 * self.amplitude.double()).exp()
+        covariance = inverse(((S * among) @ S.T).double().add(prior).unsqueeze(0))[0].float()
+        return ((covariance @ (S @ across.unsqueeze(1))).T @ S).clamp_min(LEAST_AMPLITUDE)
 
     def _expect(self, mixture: Mixture, state: "Estimates", rows: int, cols: int) -> None:
         """Work out what the bits explain of each block, light of neighbouring blocks included."""
@@ -397,8 +408,6 @@ class Estimates:
     """(1, B) variance of each block's mean from frame to frame, squared gray levels."""
     frame_noise: Tensor
     """(T, 1) variance of each frame relative to the others."""
-    patterns: Patterns
-    """What many blocks do together."""
 
 
 def block_places(rows: int, cols: int) -> tuple[Tensor, Tensor]:

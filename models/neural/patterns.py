@@ -21,10 +21,10 @@ from models.neural.solver import inverse
 
 COUNT = 6
 """Number of patterns."""
-STEPS = 3
-"""Number of steps of expectation maximisation each time that patterns are fitted."""
+STEPS = 8
+"""Number of steps of expectation maximisation by which patterns are fitted."""
 START = 0.3
-"""Strength of the patterns before the first fit, in standard deviations: half waves over time."""
+"""Strength of the patterns before the first step, in standard deviations: half waves over time."""
 LEAST_REST = 0.05
 """Smallest share of the power that is left to the noise."""
 
@@ -37,32 +37,8 @@ class Patterns:
     """(T, K) strength of each pattern in each frame, in standard deviations."""
     rest: Tensor
     """() the variance v that the noise has beside the patterns; 1 is the power of all."""
-    removal: Tensor | None = None
-    """(K, K) inverse of V' V + v I; None where no pattern has been fitted yet."""
-
-    @classmethod
-    def none(cls, frames: int) -> "Patterns":
-        """Return patterns that change no weight, as a start for the first fit."""
-        time = (torch.arange(frames) + 0.5) / frames
-        waves = torch.cos(torch.pi * torch.arange(1, COUNT + 1) * time.unsqueeze(1))
-        return cls(START * waves, torch.ones(()))
-
-    def refit(self, z: Tensor) -> "Patterns":
-        """Fit patterns to what a model leaves over, beginning with these.
-
-        Args:
-            z: (T, B) residuals, in standard deviations of their block and frame.
-        """
-        S = z @ z.T
-        S = S / S.diagonal().mean().clamp_min(1e-6)
-        V, rest, unit = self.V, self.rest, torch.eye(COUNT)
-        for _ in range(STEPS):
-            inner = _inverse(V.T @ V + rest * unit)
-            SV = S @ V
-            left_over = S.diagonal().mean() - ((SV @ inner) * V).sum(1).mean()
-            V = SV @ _inverse(rest * unit + inner @ (V.T @ SV))
-            rest = left_over.clamp_min(LEAST_REST)
-        return Patterns(V, rest, _inverse(V.T @ V + rest * unit))
+    removal: Tensor
+    """(K, K) inverse of V' V + v I."""
 
     def weigh(self, values: Tensor, weight: Tensor) -> Tensor:
         """Multiply the frames of each block by the inverse of their covariance.
@@ -74,8 +50,6 @@ class Patterns:
         Returns:
             (T, B) weighted values.
         """
-        if self.removal is None:
-            return weight * values
         root = _root(weight)
         return weight * values - root * (self.V @ (self.removal @ (self.V.T @ (root * values))))
 
@@ -91,11 +65,29 @@ class Patterns:
             (P, B) s' C s for the shares s of each pair and the inverse covariance C of `weigh`.
         """
         energy = add_up(shares * shares * weight.unsqueeze(1))
-        if self.removal is None:
-            return energy
         rooted = shares * _root(weight).unsqueeze(1)
         parts = torch.stack([add_up(rooted * v.reshape(-1, 1, 1)) for v in self.V.T])  # (K, P, B)
         return energy - (parts * (self.removal @ parts.flatten(1)).reshape(parts.shape)).sum(0)
+
+
+def find_patterns(z: Tensor) -> Patterns:
+    """Fit patterns to what a model leaves over.
+
+    Args:
+        z: (T, B) residuals, in standard deviations of their block and frame.
+    """
+    S = z @ z.T
+    S = S / S.diagonal().mean().clamp_min(1e-6)
+    time = (torch.arange(z.shape[0]) + 0.5) / z.shape[0]
+    V = START * torch.cos(torch.pi * torch.arange(1, COUNT + 1) * time.unsqueeze(1))
+    rest, unit = torch.ones(()), torch.eye(COUNT)
+    for _ in range(STEPS):
+        inner = _inverse(V.T @ V + rest * unit)
+        SV = S @ V
+        left_over = S.diagonal().mean() - ((SV @ inner) * V).sum(1).mean()
+        V = SV @ _inverse(rest * unit + inner @ (V.T @ SV))
+        rest = left_over.clamp_min(LEAST_REST)
+    return Patterns(V, rest, _inverse(V.T @ V + rest * unit))
 
 
 def _root(weight: Tensor) -> Tensor:
