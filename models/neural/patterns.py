@@ -2,7 +2,7 @@
 
 Moire that moves with the hand, flicker over the rows, and motion of the picture change blocks by a
 pattern over the display, whose strength goes up and down from frame to frame. A few such patterns
-often hold a third of all that a model leaves over. With z_b the T values of a block over the frames
+often hold a good part of what a model leaves over. With z_b the T values of a block over the frames
 of a window, in standard deviations,
     z_b = V u_b + noise,  u_b ~ N(0, I),  noise ~ N(0, v I),
 where the columns of V are the strengths of K patterns and u_b is how much of each the block has.
@@ -73,20 +73,24 @@ class Patterns:
 def find_patterns(z: Tensor) -> Patterns:
     """Fit patterns to what a model leaves over.
 
+    Even noise without patterns has more than its mean power in some directions: up to
+    (1 + sqrt(T / B))^2 of it, for B blocks (Marchenko & Pastur 1967). That excess is taken off.
+
     Args:
         z: (T, B) residuals, in standard deviations of their block and frame.
     """
     S = z @ z.T
     S = S / S.diagonal().mean().clamp_min(1e-6)
+    frames, blocks = (torch.ones_like(each).sum() for each in (z[:, 0], z[0]))  # T, B
+    by_chance = 2 * (frames / blocks).sqrt() + frames / blocks
     time = (torch.arange(z.shape[0]) + 0.5) / z.shape[0]
     V = START * torch.cos(torch.pi * torch.arange(1, COUNT + 1) * time.unsqueeze(1))
     rest, unit = torch.ones(()), torch.eye(COUNT)
     for _ in range(STEPS):
         inner = _inverse(V.T @ V + rest * unit)
-        SV = S @ V
-        left_over = S.diagonal().mean() - ((SV @ inner) * V).sum(1).mean()
+        SV = S @ V - by_chance * rest * V
         V = SV @ _inverse(rest * unit + inner @ (V.T @ SV))
-        rest = left_over.clamp_min(LEAST_REST)
+        rest = (1 - (V * V).sum(1).mean()).clamp_min(LEAST_REST)
     return Patterns(V, rest, _inverse(V.T @ V + rest * unit))
 
 

@@ -15,6 +15,10 @@ LARGEST_ERROR = 0.25
 """Largest relative error of the covariance of the frames, as few steps leave it."""
 
 
+LARGEST_CHANCE = 0.02
+"""Largest share of the power of noise that is taken for patterns."""
+
+
 def film(strengths, seed=0):
     """Residuals (T, B) of blocks that have the patterns of (T, K) strengths, and noise."""
     rng = np.random.default_rng(seed)
@@ -41,6 +45,11 @@ def test_patterns_are_found():
     drawn = drawn * T / np.trace(drawn)  # the power of all is 1
     error = np.linalg.norm(covariance(patterns) - drawn, 2) / np.linalg.norm(drawn, 2)
     assert error < LARGEST_ERROR
+
+
+def test_noise_has_no_patterns():
+    patterns = fitted(film(np.zeros((T, 1))))
+    assert float(patterns.rest) > 1 - LARGEST_CHANCE
 
 
 def test_frames_are_weighed_by_the_inverse_of_their_covariance():
