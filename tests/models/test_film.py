@@ -66,7 +66,7 @@ def test_frames_that_each_mix_two_states_are_read(decoder):
 
 def test_scores_are_as_sure_as_they_are_right(decoder):
     right, said = [], []
-    for seed in range(4):
+    for seed in range(8):
         window, bits = window_of(noise=60.0, seed=seed)
         scores = score(decoder, window)[1:-1, LAYOUT.message_mask]
         right.append((scores > 0) == bits[1:-1].astype(bool))
