@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from export.film_graph import FilmWindow
+from export.parity import film_tensors
 from link.layout import block_mean
 from link.types import Array
 from models.classical.oorc import explicit_map
@@ -52,10 +53,9 @@ class FilmBaseline:
         reference = frames.mean(0)
         features = torch.stack([self._blocks(reference, frame, rows, cols) for frame in frames])
         x, y = block_places(rows, cols)
-        given = (torch.from_numpy(value) for value in list(window.inputs.values())[3:])
-        seen = torch.from_numpy(window.seen).flatten(1)
-        mixture = mix(x, y, seen, *given)
-        known = torch.from_numpy(window.known).reshape(1, -1)
+        _, seen, known, *timing = film_tensors(window)
+        seen, known = seen.flatten(1), known.reshape(1, -1)
+        mixture = mix(x, y, seen, *timing)
         shares = mixture.mixed(known.expand(window.count, -1))  # (T, B)
         i = torch.from_numpy(block_mean(reference[None], rows, cols)).reshape(1, -1).float()
         terms = [torch.ones_like(x)]

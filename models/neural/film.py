@@ -31,7 +31,7 @@ from models.neural.patterns import find_patterns
 from models.neural.refine import GRAY_LEVELS, logs, typical_response, with_surprises
 from models.neural.refine_pilots import LEAST_RESPONSE
 from models.neural.register import derivatives
-from models.neural.solver import inverse
+from models.neural.solver import inverse_of_one
 
 SLOTS = 3
 """Largest number of frame pairs that one exposure mixes: two states of the slowest camera that
@@ -283,7 +283,7 @@ class FilmDecoder(nn.Module):
         """
         N, weight = picture.N, 1 / state.variance
         products = ((N * weight) @ N.T).double() + torch.eye(N.shape[0], dtype=torch.float64)
-        solver = inverse(products.unsqueeze(0))[0].float() @ (N * weight)  # (n, B)
+        solver = inverse_of_one(products) @ (N * weight)  # (n, B)
         limit = CLIP * (state.variance * state.frame_noise).sqrt()
         target = (changes - state.offset - state.signal) * seen
         fitted = (clip(target, limit) @ solver.T) @ N
@@ -375,7 +375,7 @@ class FilmDecoder(nn.Module):
         across = (mixed * shown * weight).sum(0)
         among = ((mixed * mixed + doubt) * weight).sum(0)
         prior = torch.eye(S.shape[0], dtype=torch.float64) / (2 * self.amplitude.double()).exp()
-        covariance = inverse(((S * among) @ S.T).double().add(prior).unsqueeze(0))[0].float()
+        covariance = inverse_of_one(((S * among) @ S.T).double().add(prior))
         return ((covariance @ (S @ across.unsqueeze(1))).T @ S).clamp_min(LEAST_AMPLITUDE)
 
     def _expect(self, mixture: Mixture, state: "Estimates", rows: int, cols: int) -> None:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from models.neural.solver import inverse
+from models.neural.solver import inverse_of_one
 
 COUNT = 6
 """Number of patterns."""
@@ -87,18 +87,13 @@ def find_patterns(z: Tensor) -> Patterns:
     V = START * torch.cos(torch.pi * torch.arange(1, COUNT + 1) * time.unsqueeze(1))
     rest, unit = torch.ones(()), torch.eye(COUNT)
     for _ in range(STEPS):
-        inner = _inverse(V.T @ V + rest * unit)
+        inner = inverse_of_one(V.T @ V + rest * unit)
         SV = S @ V - by_chance * rest * V
-        V = SV @ _inverse(rest * unit + inner @ (V.T @ SV))
+        V = SV @ inverse_of_one(rest * unit + inner @ (V.T @ SV))
         rest = (1 - (V * V).sum(1).mean()).clamp_min(LEAST_REST)
-    return Patterns(V, rest, _inverse(V.T @ V + rest * unit))
+    return Patterns(V, rest, inverse_of_one(V.T @ V + rest * unit))
 
 
 def _root(weight: Tensor) -> Tensor:
     """Take the square root, whose gradient is finite where the weight is 0."""
     return weight.clamp_min(1e-12).sqrt()
-
-
-def _inverse(A: Tensor) -> Tensor:
-    """Invert a (K, K) matrix, in float64."""
-    return inverse(A.double().unsqueeze(0))[0].float()

@@ -35,6 +35,11 @@ def inverse(A: Tensor) -> Tensor:
     return inverted
 
 
+def inverse_of_one(A: Tensor) -> Tensor:
+    """Invert one (D, D) matrix in float64; the result is float32."""
+    return inverse(A.double().unsqueeze(0))[0].float()
+
+
 def solve_spd(A: Tensor, y: Tensor) -> Tensor:
     """Solve A x = y for a batch of small systems.
 

@@ -9,12 +9,8 @@ from models.neural.patterns import find_patterns
 T, B = 24, 4000
 LARGEST_ANGLE = 0.1
 """Largest angle, in radians, between the strengths that are found and those that were drawn."""
-
-
 LARGEST_ERROR = 0.25
 """Largest relative error of the covariance of the frames, as few steps leave it."""
-
-
 LARGEST_CHANCE = 0.02
 """Largest share of the power of noise that is taken for patterns."""
 
