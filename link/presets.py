@@ -112,7 +112,7 @@ PRESETS = {
         purpose="To compare with the paper: its blocks and patches, which are seen.",
     ),
     "hidden": Preset(
-        make_layout(96, 128, modulation="antipodal", pilots="auto", code=PilotCode()),
+        make_layout(48, 64, modulation="antipodal", pilots="auto", code=PilotCode()),
         kappa=1,
         state_hz=60.0,
         line_code="toggle",

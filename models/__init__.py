@@ -12,7 +12,6 @@ from typing import Any, Literal, Protocol
 from link.errors import InputError, choose
 from link.frames import Rectified, SoftBits
 from link.layout import Layout
-from link.pilot_code import PLAIN
 from link.presets import PRESETS
 
 PRETRAINED = Path(__file__).parent / "neural" / "pretrained"
@@ -123,7 +122,7 @@ def shipped_graphs() -> dict[Layout, Path]:
     """
     layouts = {preset.layout for preset in PRESETS.values()}
     return {
-        layout: PRETRAINED_PILOTS / f"{layout.rows}x{layout.cols}{'' if layout.code == PLAIN else '_coded'}.onnx"
+        layout: PRETRAINED_PILOTS / f"{layout.rows}x{layout.cols}.onnx"
         if layout.pilots
         else PRETRAINED / "decoder.onnx"
         for layout in sorted(layouts, key=lambda layout: layout.rows * layout.cols)
