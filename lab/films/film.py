@@ -86,10 +86,6 @@ class Reading:
     """Number of these that are wrong, each frame pair held against the one that it fits best."""
     bins: list[Bin] = field(default_factory=list)
     """Bits that were decided and not erased, sorted by how sure the receiver was of them."""
-    delivered: bool = False
-    """Whether the message came."""
-    seconds: float = float("nan")
-    """Time of the film until it came, or until the film ended."""
 
 
 @dataclass(frozen=True)
@@ -147,10 +143,7 @@ def read_methods(item: Comparison) -> list[dict[str, Any]]:
         if frame.time_s > item.seconds:
             break
         for reading in readings.values():
-            if not reading.ended:
-                reading.push(frame)
-        if all(reading.ended for reading in readings.values()):
-            break
+            reading.push(frame)
     found = []
     for method, reading in readings.items():
         reading.finish()
@@ -201,12 +194,6 @@ def film_blocks(results: Mapping[str, Results[FilmContent]]) -> dict[str, str]:
         wrong = [percent(each["bits_wrong"].sum() / each["bits"].sum()) for each in by.values()]
         bins = [merge_bins(each["bins"]) for each in by.values()]
         errors.append([*place, *wrong, *(number(calibration_error(each), 3) for each in bins)])
-    for (setting, view), cell in runs.groupby(["setting", "view_deg"], sort=False):
-        for method in METHODS:
-            one = cell[cell["method"] == method]
-            came = one[one["delivered"]]["seconds"]
-            print(setting, view, method, f"{len(came)} of {len(one)}; seconds {came.median():.2f} "
-                  f"({came.min():.2f}, {came.max():.2f})")
     names = tuple(METHODS)
     told_title = (
         "Simulated hand-held video at 1280 × 720: information in bits a block and frame pair, mean "
