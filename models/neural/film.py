@@ -13,7 +13,8 @@ being mixed: pairs that share a frame are solved together.
 As in `models.neural.refine`, the pilots start it and the message's blocks finish it: each round
 solves the ridge problems of all frames (convex, in closed form) with the bits expected so far,
 estimates the noise of each block over time and of each frame over the blocks, and then the bits.
-The last round also knows what many blocks do together (`models.neural.patterns`).
+The last round also knows what many blocks do together (`models.neural.patterns`), and the pilots
+tell in the end whether the scores are too sure (`certainty`).
 The rounds are those of expectation maximisation (Dempster, Laird & Rubin 1977) with a mean field
 over the pairs.
 """
@@ -49,6 +50,9 @@ LEAST_NOISE = 0.2
 """Smallest share of a block's variance that counts as noise before any bit is known."""
 CLIP = 3.0
 """Residual, in standard deviations, up to which a block counts in a frame's coefficients."""
+CERTAINTY_STEPS, CERTAINTY_PRIOR = 4, 25.0
+"""Number of Newton steps by which `certainty` is found, and how precisely it is known beforehand to
+be 1, as an inverse variance."""
 DISPLAY_GAMMA, BLACK_LIGHT = 2.2, 0.01
 """Exponent by which captured levels become light, roughly, and the light that is added to a
 block's surroundings where contrasts are taken."""
@@ -179,7 +183,8 @@ class FilmDecoder(nn.Module):
             self._estimate_noise(left, seen, picture, mixture, state)
             llr = self._decide(left, seen, known, picture, mixture, state, number)
             self._expect(mixture, state, rows, cols)
-        llr = with_surprises(self.temperature.double().exp() * llr.double(), self.surprise)
+        llr = self.temperature.double().exp() * llr.double()
+        llr = with_surprises(certainty(llr, known) * llr, self.surprise)
         return llr.float().reshape(pairs.shape[0], rows, cols)
 
     def look(
@@ -408,6 +413,33 @@ class Estimates:
     """(1, B) variance of each block's mean from frame to frame, squared gray levels."""
     frame_noise: Tensor
     """(T, 1) variance of each frame relative to the others."""
+
+
+def certainty(llr: Tensor, known: Tensor) -> Tensor:
+    """Find by how much scores must shrink to be no surer than the pilots say that they are right.
+
+    The score of a pilot leaves out that its bit is known. So the factor is the likeliest one for
+    the pilots' bits (Platt 1999, without his offset), or 1 where that is larger.
+
+    Args:
+        llr: (P, B) float64 natural log-likelihood ratios.
+        known: (1, B), -1 or 1 where a block is a pilot, else 0.
+
+    Returns:
+        a number in (0, 1], float64.
+
+    >>> known = torch.tensor([[1.0, -1.0, 1.0, 0.0]])
+    >>> llr = torch.tensor([[2.0, -2.0, -2.0, 9.0]], dtype=torch.float64).expand(99, -1)
+    >>> round(certainty(llr, known).item(), 2)  # two of three are right, so 0.69 of 2 is due
+    0.4
+    """
+    right, factor = known * llr, torch.ones((), dtype=torch.float64)
+    for _ in range(CERTAINTY_STEPS):
+        wrong = (-factor * right).sigmoid()
+        slope = (wrong * right).sum() + CERTAINTY_PRIOR * (1 - factor)
+        curvature = (wrong * (1 - wrong) * right * right).sum() + CERTAINTY_PRIOR
+        factor = (factor + slope / curvature).maximum(factor / 2).clamp_max(1)
+    return factor
 
 
 def block_places(rows: int, cols: int) -> tuple[Tensor, Tensor]:
