@@ -184,7 +184,9 @@ class FilmDecoder(nn.Module):
             llr = self._decide(left, seen, known, picture, mixture, state, number)
             self._expect(mixture, state, rows, cols)
         llr = self.temperature.double().exp() * llr.double()
-        llr = with_surprises(certainty(llr, known) * llr, self.surprise)
+        if not self.training:  # or else the temperature would rise without bound
+            llr = certainty(llr, known) * llr
+        llr = with_surprises(llr, self.surprise)
         return llr.float().reshape(pairs.shape[0], rows, cols)
 
     def look(
