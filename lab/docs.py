@@ -42,8 +42,6 @@ UNTRAINED = Method("phi", (("config", FULL),), "learned, untrained")
 
 THREE = "--pairs canon-lg nikon-imac sony-samsung"
 """Flags of the deliveries that are measured with three camera-display pairs."""
-RATES_THREE = "--pairs canon-lg nikon-samsung sony-imac"
-"""Flags of the rates that are measured with three camera-display pairs."""
 STEPS = {
     "table": "",
     "visibility": "lab visibility --keep",
@@ -76,8 +74,6 @@ STEPS |= {
         "others": "--settings robust paper --runs 2",
         "faint": "--settings faint",
         "slow": '--settings "slow camera" --runs 2',
-        "phones": f'--settings "slanted, H.264" "slanted, 1080p" --views 45 {RATES_THREE}',
-        "phones_0": f'--settings "fast, H.264" "fast, 1080p" --views 0 {RATES_THREE}',
     }.items()
 }
 

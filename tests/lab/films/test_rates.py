@@ -58,9 +58,9 @@ def test_rates_are_those_of_the_runs() -> None:
 
 
 def test_results_are_named_after_what_was_filmed() -> None:
-    flags = RatesFlags(settings=("fast, 1080p",), views=(0.0, 45.0))
-    assert label_of_rates(flags) == "fast_1080p_0_45"
-    assert label_of_rates(replace(flags, n_bytes=9, seed=3)) == "fast_1080p_0_45_9B_seed3"
+    flags = RatesFlags(settings=("hidden, 30 fps",), views=(0.0, 45.0))
+    assert label_of_rates(flags) == "hidden_30_fps_0_45"
+    assert label_of_rates(replace(flags, n_bytes=9, seed=3)) == "hidden_30_fps_0_45_9B_seed3"
 
 
 def test_an_unknown_setting_lists_the_others() -> None:
