@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from tolerances import FILM_SCORE
+from scipy.optimize import minimize_scalar
+from tolerances import CERTAINTY, FILM_SCORE
 
 from export.film_graph import FilmGraph, reads_films
 from export.parity import FILM_TOLERANCE, compare_films, film_tensors, synthetic_window
@@ -13,7 +14,7 @@ from lab.train_film import load_window, loss_of, save_window
 from link.layout import make_layout
 from models import FILM_GRAPH
 from models.neural.checkpoint import load_weights, read_config
-from models.neural.film import FilmDecoder
+from models.neural.film import CERTAINTY_PRIOR, FilmDecoder, certainty
 
 LAYOUT = make_layout(24, 32, modulation="antipodal", pilots="auto")
 PURE_BITS, MIXED_BITS = 0.999, 0.98
@@ -74,6 +75,24 @@ def test_scores_are_as_sure_as_they_are_right(decoder):
     right, said = (np.concatenate(each).mean() for each in (right, said))
     assert abs(right - said) < 0.05
     assert 0.55 < right < 0.98
+
+
+@pytest.mark.parametrize("boast", [0.5, 1.0, 2.0, 4.0])
+def test_certainty_is_the_likeliest_factor(boast):
+    rng = np.random.default_rng(3)
+    known = np.where(rng.random((1, 400)) < 0.3, rng.choice([-1.0, 1.0], (1, 400)), 0.0)
+    mean = 1.5 * known  # scores of variance 2 m around m x are as sure as they are right
+    scores = boast * (mean + np.sqrt(3.0) * rng.standard_normal((6, 400)))
+    right = (known * scores)[:, known[0] != 0]
+
+    def unlikely(factor):
+        doubt = np.logaddexp(0, -factor * right).sum()
+        return doubt + CERTAINTY_PRIOR / 2 * (1 - factor) ** 2
+
+    best = minimize_scalar(unlikely, bounds=(0.01, 1.0), method="bounded").x
+    found = certainty(torch.from_numpy(scores), torch.from_numpy(known)).item()
+    assert found == pytest.approx(best, abs=CERTAINTY)
+    assert (found < 0.9) == (boast > 1)
 
 
 def test_a_lamp_that_flickers_and_a_hand_that_trembles_cost_little(decoder):
