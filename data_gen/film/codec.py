@@ -188,15 +188,12 @@ class CodecChannel:
         """Return the frames that the codec still holds, when the film has ended."""
         if not self._encoder.width:
             return []
-        last = self._decode(self._encoder.encode(None))
-        return last + self._decoded(self._decoder.decode(None))
+        return self._decode(self._encoder.encode(None)) + self._decoded(self._decoder.decode(None))
 
     def _decode(self, packets: "list[av.Packet[av.VideoStream]]") -> list[VideoFrame]:
         self._bytes += sum(packet.size for packet in packets)
         self._packets += len(packets)
-        return [
-            frame for packet in packets for frame in self._decoded(self._decoder.decode(packet))
-        ]
+        return [one for packet in packets for one in self._decoded(self._decoder.decode(packet))]
 
     def _decoded(self, coded: "list[av.VideoFrame]") -> list[VideoFrame]:
         """Give decoded frames the truth of those that went in at the same time."""
@@ -301,6 +298,10 @@ def _open(
         options["x265-params"] = "log-level=none:pools=none:frame-threads=1:scenecut=0"
     else:
         options["sc_threshold"] = "0"
+        if width % 256:
+            # x264's macroblock tree takes 16 blocks of 16 pixels at a time, and what memory holds
+            # behind a row's end
+            options["mbtree"] = "0"
     context.options = options
     try:
         context.open()

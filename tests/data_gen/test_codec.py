@@ -165,12 +165,6 @@ def test_the_rate_is_kept_and_costs_quality() -> None:
     assert found[0] < found[1] - 1
 
 
-def test_the_same_film_gives_the_same_bits() -> None:
-    settings = replace(FINE, name="hevc", kbits=300)
-    one, other = (list(through_codec(drifting(noise=3.0), settings, FPS)) for _ in range(2))
-    assert [frame.rgb.tobytes() for frame in one] == [frame.rgb.tobytes() for frame in other]
-
-
 def test_what_a_codec_cannot_hold_is_refused(tmp_path: Path) -> None:
     odd = [replace(frame, rgb=frame.rgb[:95]) for frame in drifting()]
     with pytest.raises(InputError, match="need an even width and height, got 160x95"):
@@ -228,6 +222,16 @@ def test_labels_tell_settings_apart() -> None:
     other = CodecSettings("hevc", 800, "main", 0.5, 2, "fast", True)
     assert other.label == "hevc_800k_gop0.5_b2_fast_full"
     assert replace(FINE, profile="main").label == "h264_5000k_main"
+
+
+@pytest.mark.parametrize("name", codec.ENCODERS)
+def test_the_same_film_comes_back_whatever_the_memory_holds(name: str) -> None:
+    rng, held, seen = np.random.default_rng(5), [], set()
+    for _ in range(40):  # with the macroblock tree of x264, one film in five differed
+        held = [*held[-60:], *(np.empty(n, np.uint8) for n in rng.integers(16, 3_000_000, 20))]
+        film = through_codec(drifting(9, noise=4), CodecSettings(name, 900, b_frames=2), FPS)
+        seen.add(b"".join(frame.rgb.tobytes() for frame in film))
+    assert len(seen) == 1
 
 
 SHORT = ("--message", "hi", "--seconds", "0.3", "--size", "160", "96", "--width", "128")
