@@ -42,10 +42,11 @@ export const FRAME_WORK = 44;
  */
 export const FRAME_MS = 200;
 /**
- * Share of the time from one frame to the next in which such a camera's frames are searched while
- * others are still to be watched: what is missed then cannot be watched any more.
+ * Share of the time from one frame to the next in which such a camera's frames are watched and
+ * searched while others are still to be watched, and nothing is being settled: what is missed then
+ * cannot be watched any more.
  */
-const SPARE = 0.4;
+const SPARE = 0.6;
 
 /**
  * A display that its pilots have given away: the layout that it shows, one of those that were
@@ -136,7 +137,8 @@ export class PilotSearch {
     this.#work ??= this.#search(watch);
     const share = FRAME_WORK * Math.max(1, Math.round(STEPS_HZ / this.fps));
     const most = isLate ? Infinity : share; // time ends the work there
-    const until = start + (isWatching ? (SPARE * 1000) / this.fps : this.frameMs);
+    const isSpare = isWatching && !this.#isSettling;
+    const until = start + (isSpare ? (SPARE * 1000) / this.fps : this.frameMs);
     let work = 0;
     while (work < most) {
       const step = this.#work.next();
@@ -190,23 +192,26 @@ export class PilotSearch {
     const edges = [...within.map((edge) => edge.corners), ...leaving];
     const proposer = new Proposer(watch, this.layouts);
     const quarter = Math.floor(watch.window / 4);
+    /** @type {Point[][]} */
+    let faint = [];
     for (let count = 2 * quarter, seen = 0; seen < watch.window; count = seen + quarter) {
-      // what a camera that does not wait shows is looked at once all of it is there
-      while (watch.frames.length < (this.#isLate ? watch.window : Math.min(count, watch.window))) {
+      while (watch.frames.length < Math.min(count, watch.window)) {
         for (const quad of edges) watch.places(quad, watch.frames.length); // each frame its share
         yield NEXT_FRAME;
       }
       seen = watch.frames.length;
       const found = yield* this.#glance(edges, proposer, watch, seen);
       if (found !== null) return found;
-    }
-    const faint = /** @type {Point[][]} */ ([]);
-    for (const even of proposer.evenMeans()) {
-      const found = yield* candidateSteps(even, CANDIDATES);
-      const quads = found.map(({ corners }) => watch.onImage(corners));
-      faint.push(...quads);
-      const soon = yield* this.#glance(quads, proposer, watch);
-      if (soon !== null) return soon;
+      // a camera that does not wait shows the rest while faint edges are looked at
+      if (!this.#isLate && seen < watch.window) continue;
+      faint = [];
+      for (const even of proposer.evenMeans()) {
+        const edgesOf = yield* candidateSteps(even, CANDIDATES);
+        const quads = edgesOf.map(({ corners }) => watch.onImage(corners));
+        faint.push(...quads);
+        const soon = yield* this.#glance(quads, proposer, watch);
+        if (soon !== null) return soon;
+      }
     }
     const strongest = [...edges.slice(0, STRONGEST), ...faint.slice(0, 1)];
     const fitted = yield* this.#fit(strongest, proposer, watch);
