@@ -88,9 +88,9 @@ const functions = {
    * @param {number} fps - nominal number of frames a second
    * @param {Uint8Array | null} key - of its messages, or null
    * @param {number | null} maxAgeS - largest age of a message in seconds, or null
-   * @param {boolean} mayRest - whether frames may be passed over (`Receiver`)
+   * @param {boolean} isCamera - whether frames come from a camera, and not from a film
    */
-  start: (fps, key, maxAgeS, mayRest) => inTurn(() => start(fps, key, maxAgeS, mayRest)),
+  start: (fps, key, maxAgeS, isCamera) => inTurn(() => start(fps, key, maxAgeS, isCamera)),
 
   /**
    * Read the next frame, or keep it where a recording is wanted.
@@ -165,11 +165,11 @@ async function planeOf({ frame, rotation = 0, rgba }) {
   throw new Error("a frame without pixels");
 }
 
-/** @type {(fps: number, key: Uint8Array | null, maxAgeS: number | null, mayRest: boolean) => void} */
-function start(fps, key, maxAgeS, mayRest) {
+/** @type {(fps: number, key: Uint8Array | null, maxAgeS: number | null, isCamera: boolean) => void} */
+function start(fps, key, maxAgeS, isCamera) {
   film.fps = fps;
   film.scores = null;
-  film.receiver = new Receiver(decoders, fps, FRAME_MS, filmScorer, mayRest);
+  film.receiver = new Receiver(decoders, fps, isCamera ? FRAME_MS : Infinity, filmScorer, isCamera);
   const isSame = key && judge.key && equalBytes(key, judge.key) && maxAgeS === judge.maxAgeS;
   if (!isSame) Object.assign(judge, { key, maxAgeS, verifier: key && new Verifier(key, maxAgeS) });
   film.inbox = new Inbox(judge.verifier);

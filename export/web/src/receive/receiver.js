@@ -23,8 +23,6 @@ import { PilotTracker } from "./tracking/pilots.js";
 
 export const { MIN_SIDE_PX } = images;
 export const { STILL_S, STILL_FRAMES, AMISS_PAIRS } = receiveReceiver;
-/** Number of nominal frames from one frame to the next above which a frame is missing. */
-const MISSING = 1.5;
 
 /**
  * What one camera frame brought: the display, or null where it was not found, frame pairs that
@@ -36,10 +34,6 @@ const MISSING = 1.5;
 /** Reads a message from the frames of a camera that films the display. */
 export class Receiver {
   #fps;
-  /** Time of the newest frame, seconds. */
-  #last = NaN;
-  /** Whether frames were missing, as happens where a camera does not wait for the receiver. */
-  #isLate = false;
   #repeats = new Repeats();
   #rests;
   #sight = new Sight();
@@ -147,8 +141,6 @@ export class Receiver {
       throw new Error(`frames must have ${MIN_SIDE_PX} px or more along each side`);
     }
     this.frames++;
-    if ((time - this.#last) * this.#fps > MISSING) this.#isLate = true;
-    this.#last = time;
     const start = performance.now();
     if (this.#repeats.isRepeat(frame)) {
       // it was not exposed at this time
@@ -189,7 +181,7 @@ export class Receiver {
     const others = this.#trackers.filter((tracker) => tracker !== followed);
     const first = followed === null || isStill ? [] : [followed];
     for (const tracker of [...first, ...others, ...(isStill ? [followed] : [])]) {
-      const tracked = tracker.follow(frame, time, this.#isLate);
+      const tracked = tracker.follow(frame, time);
       if (tracked === null) continue;
       this.#following = tracker;
       const reader = this.#readers.get(tracker.layout);

@@ -37,8 +37,7 @@ const { PATIENCE_S, MOST_DOUBLED, STEPS_HZ } = pilotsSearchPilotSearch;
  */
 export const FRAME_WORK = 44;
 /**
- * Time, in milliseconds, after which a frame of a camera that does not wait has had its share. Once
- * frames were missed, it alone bounds the work.
+ * Time, in milliseconds, after which a frame of a camera that does not wait has had its share.
  */
 export const FRAME_MS = 200;
 /**
@@ -71,8 +70,6 @@ const SPARE = 0.6;
 export class PilotSearch {
   /** Whether displays are looked for whose picture moves (`doubtPicture`). */
   pictureMoves = false;
-  /** Whether a camera does not wait for the search. */
-  #isLate = false;
   /** Number of searches in vain since a display was found. */
   #failed = 0;
   /** Largest evidence of a quadrilateral in this search, before it pays. */
@@ -101,6 +98,11 @@ export class PilotSearch {
     this.frameMs = frameMs;
   }
 
+  /** Whether frames come from a camera, which does not wait for the search. */
+  get #isLive() {
+    return this.frameMs < Infinity;
+  }
+
   /** Whether no search has begun. */
   get isIdle() {
     return this.#watch === null;
@@ -111,12 +113,10 @@ export class PilotSearch {
    *
    * @param {BytePlane} gray - it may be kept, so it must not change afterwards
    * @param {number} time - of the frame, seconds; rising from frame to frame
-   * @param {boolean} [isLate] - whether frames were missed, because the camera does not wait
    * @returns {PilotDisplay | null} the display once it is sure
    */
-  push(gray, time, isLate = false) {
+  push(gray, time) {
     const start = performance.now();
-    this.#isLate = isLate;
     const watch = this.#watch;
     let isFollowed = watch !== null && watch.take(gray, time);
     if (watch !== null && isFollowed && !watch.isInView()) {
@@ -136,7 +136,7 @@ export class PilotSearch {
     if (isWatching) watch.add(watch.newest);
     this.#work ??= this.#search(watch);
     const share = FRAME_WORK * Math.max(1, Math.round(STEPS_HZ / this.fps));
-    const most = isLate ? Infinity : share; // time ends the work there
+    const most = this.#isLive ? Infinity : share; // time ends the work there
     const isSpare = isWatching && !this.#isSettling;
     const until = start + (isSpare ? (SPARE * 1000) / this.fps : this.frameMs);
     let work = 0;
@@ -144,7 +144,7 @@ export class PilotSearch {
       const step = this.#work.next();
       if (!step.done) {
         work += step.value;
-        if (isLate && performance.now() >= until) break;
+        if (this.#isLive && performance.now() >= until) break;
         continue;
       }
       if (step.value === null) return this.#fail();
@@ -159,7 +159,7 @@ export class PilotSearch {
     }
     this.#spent += work === Infinity ? 1 : Math.min(work, most) / share;
     const patience = PATIENCE_S * 2 ** Math.min(Math.floor(this.#failed / 2), MOST_DOUBLED);
-    const mustGoOn = isLate && this.#isSettling;
+    const mustGoOn = this.#isLive && this.#isSettling;
     return this.#spent > patience * this.fps && !mustGoOn ? this.#fail() : null;
   }
 
@@ -203,7 +203,7 @@ export class PilotSearch {
       const found = yield* this.#glance(edges, proposer, watch, seen);
       if (found !== null) return found;
       // a camera that does not wait shows the rest while faint edges are looked at
-      if (!this.#isLate && seen < watch.window) continue;
+      if (!this.#isLive && seen < watch.window) continue;
       faint = [];
       for (const even of proposer.evenMeans()) {
         const edgesOf = yield* candidateSteps(even, CANDIDATES);

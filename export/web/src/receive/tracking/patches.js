@@ -52,8 +52,8 @@ const THUMBNAIL_STEP = 4;
 
 /**
  * Finds a display, and follows it from frame to frame. `layout` is that of the display that was
- * found last. `follow` takes the next frame, its time in seconds, and whether frames were missed, as
- * happens where a camera does not wait; it gives the display, or null where it is not in view.
+ * found last. `follow` takes the next frame and its time in seconds; it gives the display, or null where it
+ * is not in view.
  * `correct` moves the display within its rectified image, from the next frame on. `setAside` has it
  * look elsewhere, too, with the next frame, because what is followed does not toggle, and is followed
  * no more where another display was found. `isIdle` says that it may pass over the next frames: it
@@ -62,7 +62,7 @@ const THUMBNAIL_STEP = 4;
  * @typedef {object} DisplayTracker
  * @property {Layout} layout
  * @property {boolean} isIdle
- * @property {(image: BytePlane, time: number, isLate?: boolean) => Tracked | null} follow
+ * @property {(image: BytePlane, time: number) => Tracked | null} follow
  * @property {(HOldFromNew: Float64Array) => void} correct
  * @property {(time: number, forget: boolean) => void} setAside
  */
@@ -90,7 +90,7 @@ export class Tracker {
   /**
    * @param {Layout} layout - with at least one ratex patch
    * @param {number} [frameMs] - time, in milliseconds, after which a search begins no further step
-   *   with a frame, once frames were missed
+   *   with a frame, for a camera that does not wait
    */
   constructor(layout, frameMs = Infinity) {
     if (layout.ratex.length === 0) {
@@ -138,12 +138,10 @@ export class Tracker {
    *
    * @param {BytePlane} image - gray; a search may keep it, so it must not change afterwards
    * @param {number} time - of the frame, seconds; rising from frame to frame
-   * @param {boolean} [isLate] - whether frames were missed, so that the search must not take long
    * @returns {Tracked | null} the display, or null where it is not in view
    */
-  follow(image, time, isLate = false) {
+  follow(image, time) {
     const elsewhere = this.#elsewhere;
-    const frameMs = isLate ? this.#frameMs : Infinity;
     this.#elsewhere = false;
     this.#aside = this.#aside.filter((place) => time - place.time < ASIDE_S);
     if (this.#follower.corners !== null) {
@@ -151,21 +149,20 @@ export class Tracker {
       if (step !== null) this.#follower.advance(step.corners);
       const found = step && this.#accept(image, step.corners, step.fresh);
       if (found !== null) {
-        const other = elsewhere ? this.#look(image, frameMs) : null;
+        const other = elsewhere ? this.#look(image) : null;
         return other ? { ...other, anew: true } : found;
       }
       this.#forget();
     }
-    return this.#look(image, frameMs);
+    return this.#look(image);
   }
 
   /**
    * Take some steps of a search, and begin one where none is under way.
    *
    * @param {BytePlane} image
-   * @param {number} frameMs - time, in milliseconds, after which no further step begins
    */
-  #look(image, frameMs) {
+  #look(image) {
     const start = performance.now();
     if (this.#searchedWidth !== image.width || this.#searchedHeight !== image.height) {
       this.#search = null;
@@ -180,7 +177,7 @@ export class Tracker {
     }
     this.#search ??= this.#begun(image);
     const limit = this.#workLimit(image);
-    const located = this.#searched(limit, start, frameMs);
+    const located = this.#searched(limit, start);
     if (located === null) return null;
     let { corners } = located;
     if (!fresh) {
@@ -197,14 +194,13 @@ export class Tracker {
    *
    * @param {number} limit - units of work after which it takes no further step
    * @param {number} start - when the work on the frame began, milliseconds
-   * @param {number} frameMs - time, in milliseconds, after which no further step begins
    * @returns {import("../../locate/candidates.js").Located | null} null where the search goes on, or
    *   has found nothing
    */
-  #searched(limit, start, frameMs) {
+  #searched(limit, start) {
     const search = this.#search;
     const isLikely = () => this.#isQuick && this.#done < LIKELY_WORK;
-    const allowed = () => (isLikely() ? LIKELY_SHARE : LATER_SHARE) * frameMs;
+    const allowed = () => (isLikely() ? LIKELY_SHARE : LATER_SHARE) * this.#frameMs;
     const spent = () => this.#owed + performance.now() - start;
     let located = null;
     for (let work = 0; search !== null && work < limit && spent() < allowed(); ) {

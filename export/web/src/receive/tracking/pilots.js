@@ -69,11 +69,10 @@ export class PilotTracker {
    *
    * @param {BytePlane} image - gray
    * @param {number} time - of the frame, seconds; rising from frame to frame
-   * @param {boolean} [isLate] - whether frames were missed, so that the search must not take long
    * @returns {Tracked | null} the display, or null where it is not in view
    */
-  follow(image, time, isLate = false) {
-    if (this.#follower.corners === null) return this.#look(image, time, isLate);
+  follow(image, time) {
+    if (this.#follower.corners === null) return this.#look(image, time);
     const step = this.#follower.step(image);
     const tracked = step === null ? null : this.#accept(image, step.corners, step.fresh);
     if (tracked !== null && this.#stillThere(tracked, time)) return tracked;
@@ -86,10 +85,9 @@ export class PilotTracker {
   /**
    * @param {BytePlane} image
    * @param {number} time
-   * @param {boolean} isLate
    */
-  #look(image, time, isLate) {
-    const found = this.#search.push(image, time, isLate);
+  #look(image, time) {
+    const found = this.#search.push(image, time);
     if (found === null) return null;
     this.#follower = new Follower(found.layout, found.k, this.#search.pictureMoves);
     this.#HFollowedFromShown = identity(3);
