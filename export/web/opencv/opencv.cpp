@@ -212,6 +212,65 @@ PAGE void largestSums(const Plane &rows, const Plane &weights, const Plane &to) 
   }
 }
 
+// Integrates, from 0 to x states, a wave that is 1 while an embedded frame is shown, else 0; a code's
+// signs order the states of each frame pair.
+static double onTime(double x, const Plane &signs) {
+  const int pair = cvFloor(x * 0.5), at = pair % signs.width;
+  const double rest = x - 2.0 * pair, sign = signs.numbers()[at < 0 ? at + signs.width : at];
+  return pair + (sign < 0 ? std::min(rest, 1.0) : std::max(rest - 1, 0.0));
+}
+
+// Makes what a block of sign 1 shows at a display's centre by each of its clocks, as pilots/code.js
+// numbers them, and its squared length. `drifts` are taken out; they are orthogonal, of length 1.
+PAGE void codeWaves(const Plane &since, const Plane &drifts, const Plane &periods,
+                    const Plane &shutters, const Plane &signs, int phases, const Plane &waves,
+                    const Plane &energy) {
+  const int frames = since.width, clocks = waves.width, steps = clocks / periods.width;
+  std::vector<double> wave(frames);
+  for (int at = 0; at < clocks; at++) {
+    const double period = periods.numbers()[at / steps], shutter = shutters.numbers()[at / steps];
+    const double moment = double(at % steps) / phases * period, faster = 1 / period;
+    for (int t = 0; t < frames; t++) {
+      const double begin = (since.numbers()[t] + moment) * faster;
+      const double open = onTime(begin + shutter / period, signs) - onTime(begin, signs);
+      wave[t] = 2 * (open * (period / shutter)) - 1;
+    }
+    for (int i = 0; i < 2 * drifts.height; i++) { // twice, as rounding leaves some the first time
+      const double *drift = drifts.numbers() + i % drifts.height * frames;
+      double along = 0;
+      for (int t = 0; t < frames; t++) along += wave[t] * drift[t];
+      for (int t = 0; t < frames; t++) wave[t] -= along * drift[t];
+    }
+    double length = 0;
+    for (int t = 0; t < frames; t++) {
+      static_cast<float *>(waves.data)[t * clocks + at] = wave[t];
+      length += wave[t] * wave[t];
+    }
+    static_cast<float *>(energy.data)[at] = length;
+  }
+}
+
+// Adds up the power of what parts of a display show by each clock, for each slope as in `bestSlopes`;
+// `places` counts the places of each part, along x and then along y.
+PAGE void slopePowers(const Plane &energy, const Plane &later, const Plane &places,
+                      const Plane &axes, const Plane &powers) {
+  const int sides = places.width / 2, slopes = axes.width, clocks = energy.width;
+  const int phases = clocks * slopes * sides / later.width;
+  const int *next = static_cast<int *>(later.data);
+  for (int first = 0; first < clocks; first += phases) {
+    const float *known = static_cast<float *>(energy.data) + first;
+    for (int slope = 0; slope < slopes; slope++) {
+      float *power = static_cast<float *>(powers.data) + slope * clocks + first;
+      std::fill_n(power, phases, 1e-9f);
+      for (int side = 0; side < sides; side++, next++) {
+        const int part = static_cast<int *>(axes.data)[slope] * sides + side;
+        const double count = static_cast<int *>(places.data)[part];
+        for (int i = 0; i < phases; i++) power[i] += count * known[(i + *next) % phases];
+      }
+    }
+  }
+}
+
 // Chooses for each of a display's clocks, as pilots/code.js numbers them, how writing goes across it.
 // Parts of the display along both axes follow `along`; `later` says by how many phases each part of
 // a slope is later, for each rate. Slopes must explain clearly more than those before them.

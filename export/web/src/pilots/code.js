@@ -10,7 +10,7 @@ import { pilotCode, pilotsCode } from "../generated/constants.js";
 import { call, floatPlane } from "../image/opencv.js";
 import { roundHalfEven } from "../image/round.js";
 import { dot } from "../link/linear.js";
-import { CLOCK_NUMBERS, DisplayClock, embeddedShare } from "./clock.js";
+import { DisplayClock } from "./clock.js";
 import { lengthOf, takeOut } from "./waves.js";
 
 const { STATE_HZ } = pilotCode;
@@ -41,7 +41,7 @@ export class CodeSearch {
   #second;
   /** States a second that are tried. @type {number[]} */
   #hz;
-  /** Exposure time that is taken for granted at each of these rates. @type {number[]} */
+  /** Exposure time that is taken for granted at each of these rates. */
   #shutter;
   /** Number of moments that are tried at each rate. */
   #steps;
@@ -77,7 +77,10 @@ export class CodeSearch {
     this.#second = second;
     this.#hz = rates((this.#newest - since[0]) / second);
     this.#steps = 2 * PHASES * code.period;
-    this.#shutter = this.#hz.map((hz) => OPEN * Math.min(second / hz, 1 / fps));
+    this.#shutter = Float64Array.from(
+      this.#hz,
+      (hz) => OPEN * Math.min(second / hz, 1 / fps),
+    );
     const farthest = Math.max(...since.map(Math.abs), 1e-9);
     for (let power = 0; power < Math.min(DRIFT, times.length); power++) {
       const drift = takeOut(since.map((time) => (time / farthest) ** power), this.#drifts);
@@ -91,20 +94,17 @@ export class CodeSearch {
      */
     this.waves = floatPlane(count, times.length);
     this.#energy = new Float32Array(count);
-    const [numbers, centre] = [new Float64Array(CLOCK_NUMBERS), new Float64Array(2)];
-    const wave = new Float64Array(times.length);
-    for (let at = 0; at < count; at++) {
-      const rate = Math.floor(at / this.#steps);
-      const period = second / this.#hz[rate];
-      numbers[0] = period;
-      numbers[1] = (-(at % this.#steps) / PHASES) * period;
-      numbers[4] = this.#shutter[rate];
-      embeddedShare(numbers, since, centre, code, wave);
-      for (let t = 0; t < wave.length; t++) wave[t] = 2 * wave[t] - 1;
-      takeOut(wave, this.#drifts);
-      for (let t = 0; t < wave.length; t++) this.waves.data[t * count + at] = wave[t];
-      this.#energy[at] = lengthOf(wave) ** 2;
-    }
+    const periods = Float64Array.from(this.#hz, (hz) => second / hz);
+    const drifts = {
+      width: times.length,
+      height: this.#drifts.length,
+      data: Float64Array.from(this.#drifts.flatMap((drift) => [...drift])),
+    };
+    call(
+      "codeWaves",
+      [since, drifts, periods, this.#shutter, code.signs, PHASES],
+      [this.waves, this.#energy],
+    );
     this.#within = this.#part.map((parts) =>
       Array.from({ length: SIDES }, (_, side) =>
         signs.map((sign, p) => (parts[p] === side ? sign : 0)),
@@ -120,18 +120,8 @@ export class CodeSearch {
     );
     this.#later = Int32Array.from(later);
     this.#powers = floatPlane(count, SLOPES.length);
-    for (let first = 0, at = 0; first < count; first += this.#steps) {
-      for (let slope = 0; slope < SLOPES.length; slope++) {
-        const start = slope * count + first;
-        const power = this.#powers.data.subarray(start, start + this.#steps).fill(1e-9);
-        for (const signs of this.#within[AXES[slope]]) {
-          const [turn, places] = [later[at++], signs.filter(Boolean).length];
-          for (let phase = 0; phase < this.#steps; phase++) {
-            power[phase] += places * this.#energy[first + ((phase + turn) % this.#steps)];
-          }
-        }
-      }
-    }
+    const counts = this.#within.flat().map((weights) => weights.filter(Boolean).length);
+    call("slopePowers", [this.#energy, this.#later, Int32Array.from(counts), AXES], [this.#powers]);
   }
 
   /**
