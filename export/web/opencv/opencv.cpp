@@ -48,6 +48,94 @@ PAGE void boxMeans(const Plane &from, int across, int down, int border, const Pl
   blur(from.mat(), to.mat(), Size(across, down), Point(-1, -1), border);
 }
 
+PAGE void lessMeanAround(const Plane &from, int across, int down, const Plane &to) {
+  blur(from.mat(), to.mat(), Size(across, down));
+  subtract(from.mat(), to.mat(), to.mat());
+}
+
+// Draws blocks as rectangles with nothing around them, blurs them, and takes off the mean around.
+PAGE void drawnChanges(const Plane &blocks, int left, int top, double sigma, int across, int down,
+                       const Plane &to) {
+  Mat drawn = Mat::zeros(to.height, to.width, CV_32F), smooth = drawn.clone();
+  const Rect inner(left, top, to.width - 2 * left, to.height - 2 * top);
+  resize(blocks.mat(), drawn(inner), inner.size(), 0, 0, INTER_NEAREST);
+  blurred({drawn.data, CV_32F, to.width, to.height}, sigma, BORDER_DEFAULT,
+          {smooth.data, CV_32F, to.width, to.height});
+  lessMeanAround({smooth.data, CV_32F, to.width, to.height}, across, down, to);
+}
+
+// Adds up the products of two maps with themselves and with each other.
+PAGE void agreement(const Plane &seen, const Plane &expected, const Plane &sums) {
+  sums.numbers()[0] = expected.mat().dot(expected.mat());
+  sums.numbers()[1] = expected.mat().dot(seen.mat());
+  sums.numbers()[2] = seen.mat().dot(seen.mat());
+}
+
+// Sums up a map times powers of x and of y, which give the places of its columns and rows.
+static void addMoments(const double *map, const Plane &x, const Plane &y, double *table) {
+  const int powers = 5;
+  for (int row = 0; row < y.width; row++, map += x.width) {
+    double line[powers] = {};
+    for (int col = 0; col < x.width; col++) {
+      double weight = map[col];
+      for (int power = 0; power < powers; power++, weight *= x.numbers()[col]) line[power] += weight;
+    }
+    double factor = 1;
+    for (int power = 0; power < powers; power++, factor *= y.numbers()[row]) {
+      for (int k = 0; k < powers; k++) table[power * powers + k] += factor * line[k];
+    }
+  }
+}
+
+// Sums up what seen changes, one map below the other, tell of a display's motion beside expected ones
+// (pilots/motion.js). Rows of `sums` are moments: of the squared slopes along x, of the products of
+// both slopes, of the squared slopes along y, and of the slopes along x and along y times what the
+// expected change leaves; then of what `bending`, a further motion along x and along y, shares with
+// motions along x and along y; last its own square and its product with what is left. Returns the
+// power of what is left.
+PAGE double motionSums(const Plane &seen, const Plane &expected, double amplitude,
+                       const Plane *weight, const Plane &x, const Plane &y, double scaleX,
+                       double scaleY, const Plane *bending, const Plane &sums) {
+  const int width = x.width, height = y.width, pixels = width * height;
+  std::vector<double> maps[7];
+  for (auto &map : maps) map.resize(pixels);
+  Mat across, down;
+  double power = 0;
+  for (int first = 0; first < seen.width * seen.height; first += pixels) {
+    const float *now = static_cast<float *>(seen.data) + first;
+    float *then = static_cast<float *>(expected.data) + first;
+    Sobel(Mat(height, width, CV_32F, then), across, CV_32F, 1, 0);
+    Sobel(Mat(height, width, CV_32F, then), down, CV_32F, 0, 1);
+    for (int at = 0; at < pixels; at++) {
+      const double share = weight ? static_cast<float *>(weight->data)[at] : 1;
+      const double slopeX = scaleX * amplitude * across.ptr<float>()[at];
+      const double slopeY = scaleY * amplitude * down.ptr<float>()[at];
+      const double left = now[at] - amplitude * then[at];
+      power += share * left * left;
+      maps[0][at] += share * slopeX * slopeX;
+      maps[1][at] += share * slopeX * slopeY;
+      maps[2][at] += share * slopeY * slopeY;
+      maps[3][at] += share * slopeX * left;
+      maps[4][at] += share * slopeY * left;
+    }
+  }
+  double *own = sums.numbers() + 7 * sums.width;
+  std::fill(sums.numbers(), own + sums.width, 0.0);
+  if (bending) {
+    const float *bendX = static_cast<float *>(bending->data), *bendY = bendX + pixels;
+    for (int at = 0; at < pixels; at++) {
+      maps[5][at] = bendX[at] * maps[0][at] + bendY[at] * maps[1][at];
+      maps[6][at] = bendX[at] * maps[1][at] + bendY[at] * maps[2][at];
+      own[0] += bendX[at] * maps[5][at] + bendY[at] * maps[6][at];
+      own[1] += bendX[at] * maps[3][at] + bendY[at] * maps[4][at];
+    }
+  }
+  for (int map = 0; map < (bending ? 7 : 5); map++) {
+    addMoments(maps[map].data(), x, y, sums.numbers() + map * sums.width);
+  }
+  return power;
+}
+
 PAGE void slopes(const Plane &image, const Plane &across, const Plane &down) {
   Sobel(image.mat(), across.mat(), CV_32F, 1, 0);
   Sobel(image.mat(), down.mat(), CV_32F, 0, 1);

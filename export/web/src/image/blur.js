@@ -40,8 +40,7 @@ export function boxMeans(plane, across, down, beyond = BEYOND.reflect) {
  * @returns {FloatPlane}
  */
 export function lessMeanAround(plane, across, down) {
-  const around = boxMeans(plane, across, down);
-  const { data } = around;
-  for (let i = 0; i < data.length; i++) data[i] = plane.data[i] - data[i];
-  return around;
+  const result = floatPlane(plane.width, plane.height);
+  call("lessMeanAround", [plane, across, down], [result]);
+  return result;
 }

@@ -26,12 +26,11 @@ export function resizeArea(plane, width, height) {
  * @param {Plane<Uint8Array | Float32Array>} plane
  * @param {number} width - of the result, pixels
  * @param {number} height - of the result, pixels
- * @param {number} [by] - one of `BY`, if not by averages
  * @returns {FloatPlane}
  */
-export function areaMeans(plane, width, height, by = BY.area) {
+export function areaMeans(plane, width, height) {
   const result = floatPlane(width, height);
-  call("resized", [plane, plane.width, plane.height, 0, by], [result]);
+  call("resized", [plane, plane.width, plane.height, 0, BY.area], [result]);
   return result;
 }
 
@@ -60,18 +59,4 @@ export function scaled(plane, factor) {
   const result = bytePlane(roundHalfEven(factor * width), roundHalfEven(factor * height));
   call("resized", [plane, width, height, factor, factor < 1 ? BY.area : BY.linear], [result]);
   return result;
-}
-
-/**
- * Draw blocks as rectangles of their values.
- *
- * @param {Float32Array} blocks - (rows * cols,)
- * @param {number} rows
- * @param {number} cols
- * @param {number} width - of the result, pixels
- * @param {number} height - of the result, pixels
- * @returns {FloatPlane}
- */
-export function drawnBlocks(blocks, rows, cols, width, height) {
-  return areaMeans({ width: cols, height: rows, data: blocks }, width, height, BY.nearest);
 }

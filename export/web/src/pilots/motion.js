@@ -12,8 +12,7 @@
 
 import { pilotsMotion } from "../generated/constants.js";
 import { blurred, lessMeanAround } from "../image/blur.js";
-import { drawnBlocks } from "../image/shrink.js";
-import { slopesOf } from "../image/slopes.js";
+import { call, floatPlane } from "../image/opencv.js";
 import { STRAIGHT, frameCorners, resizedHomography, transform } from "../link/geometry.js";
 import { identity, multiply3 } from "../link/linear.js";
 
@@ -22,6 +21,8 @@ const { MAP_PX, POWERS, MOTIONS } = pilotsMotion;
 export const UNIT_CORNERS = /** @type {Point[]} */ (pilotsMotion.UNIT_CORNERS);
 /** Numbers of a homography that are found. */
 export const NUMBERS = MOTIONS.length;
+/** Rows of sums that tell of motions (`motionSums` of opencv.cpp). */
+const SUMS = 8;
 /** Largest number of pixels that are handled in one unit of work (`../link/code/steps.js`). */
 const UNIT_PIXELS = 40_000;
 
@@ -33,7 +34,17 @@ const UNIT_PIXELS = 40_000;
  * @returns {FloatPlane}
  */
 export function withoutSlope(change, block) {
-  return lessMeanAround(change, Math.floor(3 * block[0]) | 1, Math.floor(3 * block[1]) | 1);
+  return lessMeanAround(change, ...around(block));
+}
+
+/**
+ * Give width and height of what counts as around a pixel.
+ *
+ * @param {ArrayLike<number>} block - width and height of a block, pixels
+ * @returns {[number, number]} odd
+ */
+function around(block) {
+  return [Math.floor(3 * block[0]) | 1, Math.floor(3 * block[1]) | 1];
 }
 
 /**
@@ -141,71 +152,66 @@ export class GridMaps {
    */
   drawn(blocks, span) {
     const { rows, cols } = this.layout;
-    const [[width, height], [inner, down], [left, top]] = [this.size, this.inner, this.margin];
-    const fine = drawnBlocks(Float32Array.from(blocks), rows, cols, inner, down).data;
-    const data = new Float32Array(width * height);
-    for (let y = 0; y < down; y++) {
-      data.set(fine.subarray(y * inner, (y + 1) * inner), (top + y) * width + left);
-    }
-    return this.smooth({ width, height, data }, span);
+    const drawn = floatPlane(this.size[0], this.size[1]);
+    const plane = { width: cols, height: rows, data: Float32Array.from(blocks) };
+    const [left, top] = this.margin;
+    const sigma = span * Math.min(...this.block);
+    call("drawnChanges", [plane, left, top, sigma, ...around(this.block)], [drawn]);
+    return drawn;
   }
 }
 
-/** Adds up what maps of a change tell of the eight numbers. */
+/** Adds up what maps of a change tell of the eight numbers, or of these and of one further motion. */
 export class MotionEquations {
-  #size;
-  #places;
-  /** Squared slopes along x, products of both slopes, squared slopes along y. */
-  #squares;
-  /** Slopes along x, and along y, times the change that is to be explained. */
-  #products;
+  #maps;
+  #bending;
+  #sums = new Float64Array(SUMS * POWERS * POWERS);
+  /** Power, weighed, of what expected changes leave. */
+  power = 0;
 
-  /** @param {GridMaps} maps */
-  constructor(maps) {
-    this.#size = maps.inner;
-    this.#places = maps.places();
-    const empty = () => new Float64Array(this.#places[0].length * this.#places[1].length);
-    this.#squares = [empty(), empty(), empty()];
-    this.#products = [empty(), empty()];
+  /**
+   * @param {GridMaps} maps
+   * @param {FloatPlane | null} [bending] - maps of the further motion along x and, below, along y, of
+   *   a display from -1 to 1
+   */
+  constructor(maps, bending = null) {
+    this.#maps = maps;
+    this.#bending = bending;
   }
 
   /**
-   * Take a map of an expected change.
+   * Take maps of a change, one below the other.
    *
+   * @param {FloatPlane} seen
    * @param {FloatPlane} expected
    * @param {number} amplitude - of what is seen, in the expected changes
-   * @param {Float32Array | Float64Array} residual - of each pixel, what the expected change leaves
-   * @param {Float32Array} [weight] - of each pixel; 1 where absent
+   * @param {FloatPlane | null} [weight] - of each pixel of a map; 1 where absent
    */
-  take(expected, amplitude, residual, weight) {
-    const [xx, xy, yy] = this.#squares;
-    const [x, y] = this.#products;
-    const { across, down } = slopesOf(expected);
-    const scaleX = (amplitude * this.#size[0]) / 16;
-    const scaleY = (amplitude * this.#size[1]) / 16;
-    for (let at = 0; at < across.length; at++) {
-      const slopeX = scaleX * across[at];
-      const slopeY = scaleY * down[at];
-      const share = weight ? weight[at] : 1;
-      xx[at] += share * slopeX * slopeX;
-      xy[at] += share * slopeX * slopeY;
-      yy[at] += share * slopeY * slopeY;
-      x[at] += share * slopeX * residual[at];
-      y[at] += share * slopeY * residual[at];
-    }
+  take(seen, expected, amplitude, weight = null) {
+    const [x, y] = this.#maps.places();
+    const [width, height] = this.#maps.inner;
+    const more = new Float64Array(this.#sums.length);
+    const sums = { width: POWERS * POWERS, height: SUMS, data: more };
+    this.power += call(
+      "motionSums",
+      [seen, expected, amplitude, weight, x, y, width / 16, height / 16, this.#bending],
+      [sums],
+    );
+    more.forEach((sum, at) => (this.#sums[at] += sum));
   }
 
   /**
-   * Write the normal equations of the eight numbers, or of these and of one further motion.
+   * Write the normal equations.
    *
-   * @param {Float32Array[] | null} [further] - maps of the further motion along x and along y, of a
-   *   display from -1 to 1
    * @returns {{ matrix: Float64Array, right: Float64Array }} (8, 8) and (8,), or (9, 9) and (9,)
    */
-  normal(further = null) {
-    const squares = this.#squares.map((map) => this.#moments(map));
-    const right = this.#right(this.#products);
-    const count = further === null ? NUMBERS : NUMBERS + 1;
+  normal() {
+    const [xx, xy, yy, leftX, leftY, withX, withY, own] = Array.from({ length: SUMS }, (_, row) =>
+      this.#sums.subarray(row * POWERS * POWERS, (row + 1) * POWERS * POWERS),
+    );
+    const squares = [xx, xy, yy];
+    const right = rightOf([leftX, leftY]);
+    const count = this.#bending === null ? NUMBERS : NUMBERS + 1;
     const matrix = new Float64Array(count * count);
     for (const [i, changes] of MOTIONS.entries()) {
       for (const [axis, sign, x, y] of changes) {
@@ -217,67 +223,25 @@ export class MotionEquations {
         }
       }
     }
-    if (further === null) return { matrix, right };
-    const [furtherX, furtherY] = further;
-    const [xx, xy, yy] = this.#squares;
-    const [x, y] = this.#products;
-    const withX = xx.map((value, at) => furtherX[at] * value + furtherY[at] * xy[at]);
-    const withY = xy.map((value, at) => furtherX[at] * value + furtherY[at] * yy[at]);
-    this.#right([withX, withY]).forEach((value, i) => {
+    if (this.#bending === null) return { matrix, right };
+    rightOf([withX, withY]).forEach((value, i) => {
       matrix[i * count + NUMBERS] = matrix[NUMBERS * count + i] = value;
     });
-    let [alone, left] = [0, 0];
-    for (let at = 0; at < x.length; at++) {
-      alone += furtherX[at] * withX[at] + furtherY[at] * withY[at];
-      left += furtherX[at] * x[at] + furtherY[at] * y[at];
-    }
-    matrix[count * count - 1] = alone;
-    return { matrix, right: Float64Array.from([...right, left]) };
+    matrix[count * count - 1] = own[0];
+    return { matrix, right: Float64Array.from([...right, own[1]]) };
   }
+}
 
-  /**
-   * Sum what maps of slopes along x and along y, times something, tell of each number.
-   *
-   * @param {Float64Array[]} maps
-   * @returns {Float64Array} (8,)
-   */
-  #right(maps) {
-    const products = maps.map((map) => this.#moments(map));
-    return Float64Array.from(MOTIONS, (changes) =>
-      changes.reduce(
-        (sum, [axis, sign, x, y]) => sum + sign * products[axis][y * POWERS + x],
-        0,
-      ),
-    );
-  }
-
-  /**
-   * Sum a map times powers of y and of x.
-   *
-   * @param {Float64Array} map
-   * @returns {Float64Array} (POWERS, POWERS) powers of y and of x
-   */
-  #moments(map) {
-    const [xs, ys] = this.#places;
-    const table = new Float64Array(POWERS * POWERS);
-    for (let row = 0, at = 0; row < ys.length; row++) {
-      let [one, two, three, four, five] = [0, 0, 0, 0, 0];
-      for (let col = 0; col < xs.length; col++, at++) {
-        const x = xs[col];
-        let weight = map[at];
-        one += weight;
-        two += weight *= x;
-        three += weight *= x;
-        four += weight *= x;
-        five += weight * x;
-      }
-      const line = [one, two, three, four, five];
-      for (let power = 0, factor = 1; power < POWERS; power++, factor *= ys[row]) {
-        for (let k = 0; k < POWERS; k++) table[power * POWERS + k] += factor * line[k];
-      }
-    }
-    return table;
-  }
+/**
+ * Sum what maps of slopes along x and along y, times something, tell of each number.
+ *
+ * @param {Float64Array[]} moments - (POWERS * POWERS,) of each map
+ * @returns {Float64Array} (8,)
+ */
+function rightOf(moments) {
+  return Float64Array.from(MOTIONS, (changes) =>
+    changes.reduce((sum, [axis, sign, x, y]) => sum + sign * moments[axis][y * POWERS + x], 0),
+  );
 }
 
 /**

@@ -12,6 +12,7 @@
 
 import { pilotsSearchAllBlocks } from "../../generated/constants.js";
 import { lessMeanAround } from "../../image/blur.js";
+import { call, floatPlane } from "../../image/opencv.js";
 import { areaMeans } from "../../image/shrink.js";
 import { remapped, warped } from "../../image/warp.js";
 import { Lens, homographyFromCorners, transform } from "../../link/geometry.js";
@@ -26,6 +27,8 @@ export const {
   EXPECTED_BLOCKS, EXPECTED_K, LARGEST_K, K_STEP, SETTLED_PX,
 } = pilotsSearchAllBlocks;
 
+/** Number of maps of which a step sums up what they tell of the motion. */
+const AT_ONCE = 4;
 /** From a display from -1 to 1 to a frame of 2 by 2 pixels. */
 const FROM_UNIT = pixelsFromUnit(2, 2);
 
@@ -173,18 +176,15 @@ export class BlockFit {
       yield maps.work;
     }
     const expected = [];
-    let [power, along, total] = [1e-12, 0, 1e-12];
+    const sums = Float64Array.of(1e-12, 0, 1e-12);
+    const now = new Float64Array(3);
     for (const [k, blocks] of this.#expectedBlocks(seen).entries()) {
-      const smooth = maps.drawn(blocks, SPAN);
-      const [now, then] = [seen[k].data, smooth.data];
-      for (let i = 0; i < now.length; i++) {
-        power += then[i] * then[i];
-        along += then[i] * now[i];
-        total += now[i] * now[i];
-      }
-      expected.push(smooth);
+      expected.push(maps.drawn(blocks, SPAN));
+      call("agreement", [seen[k], expected[k]], [now]);
+      now.forEach((sum, i) => (sums[i] += sum));
       yield 2 * maps.work;
     }
+    const [power, along, total] = sums;
     const score = along / Math.sqrt(power * total);
     // the last step led away
     if (score <= this.#score) return true;
@@ -264,13 +264,14 @@ export class BlockFit {
   /**
    * Find how the pixels of the maps move for each unit of the lens's coefficient.
    *
-   * @returns {Float32Array[]} along x and along y, of a display from -1 to 1
+   * @returns {FloatPlane[]} along x and along y, of a display from -1 to 1
    */
   #bending() {
+    const [width, height] = this.maps.size;
     const now = this.#places(this.#k);
     return this.#places(this.#k + K_STEP).map((places, axis) => {
       const unit = K_STEP * (this.maps.inner[axis] / 2);
-      return places.map((place, i) => (place - now[axis][i]) / unit);
+      return { width, height, data: places.map((place, i) => (place - now[axis][i]) / unit) };
     });
   }
 
@@ -286,24 +287,18 @@ export class BlockFit {
    */
   *#fittedMove(seen, expected, amplitude) {
     const { maps } = this;
-    const pixels = maps.size[0] * maps.size[1];
-    const equations = new MotionEquations(maps);
-    let power = 0;
-    for (const [k, { data: now }] of seen.entries()) {
-      const then = expected[k].data;
-      const residual = new Float64Array(now.length);
-      for (let i = 0; i < now.length; i++) {
-        residual[i] = now[i] - amplitude * then[i];
-        power += residual[i] * residual[i];
-      }
-      equations.take(expected[k], amplitude, residual);
-      yield 2 * maps.work;
+    const [width, height] = maps.size;
+    const bending = this.#HCapturedFromUnit === null ? null : below(this.#bending());
+    const equations = new MotionEquations(maps, bending);
+    for (let k = 0; k < seen.length; k += AT_ONCE) {
+      const [now, then] = [seen, expected].map((all) => below(all.slice(k, k + AT_ONCE)));
+      equations.take(now, then, amplitude);
+      yield 2 * AT_ONCE * maps.work;
     }
     // noise is alike over a block
-    const noise = (power / (pixels * seen.length)) * maps.block[0] * maps.block[1] + 1e-12;
-    const bending = this.#HCapturedFromUnit === null ? null : this.#bending();
-    const { matrix, right } = equations.normal(bending);
-    yield 2 * maps.work;
+    const [across, down] = maps.block;
+    const noise = (equations.power / (width * height * seen.length)) * across * down + 1e-12;
+    const { matrix, right } = equations.normal();
     const known = noise / ((2 * EXPECTED_BLOCKS) / maps.layout.cols) ** 2;
     const still = identity(3);
     for (let i = 0; i < NUMBERS; i++) {
@@ -316,4 +311,16 @@ export class BlockFit {
     }
     return solve(matrix, right).map((value) => -value);
   }
+}
+
+/**
+ * Write planes one below the other.
+ *
+ * @param {readonly FloatPlane[]} planes - of one size
+ */
+function below(planes) {
+  const [{ width, height }] = planes;
+  const all = floatPlane(width, height * planes.length);
+  planes.forEach(({ data }, i) => all.data.set(data, i * data.length));
+  return all;
 }

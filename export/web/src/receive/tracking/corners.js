@@ -62,26 +62,21 @@ export class CornerShift {
       difference[at] = second[at] - first[at];
       mean[at] = (first[at] + second[at]) / 2;
     }
-    const change = withoutSlope({ width, height, data: difference }, block).data;
+    const change = withoutSlope({ width, height, data: difference }, block);
     const weight = evenness({ width, height, data: mean });
     let [power, along, all] = [0, 0, 0];
     for (let at = 0; at < pixels; at++) {
-      power += weight[at] * expected.data[at] ** 2;
-      along += weight[at] * expected.data[at] * change[at];
-      all += weight[at];
+      const share = weight.data[at] * expected.data[at];
+      power += share * expected.data[at];
+      along += share * change.data[at];
+      all += weight.data[at];
     }
     const amplitude = along / Math.max(power, 1e-9);
-    const residual = change;
-    let squares = 0;
-    for (let at = 0; at < pixels; at++) {
-      residual[at] = change[at] - amplitude * expected.data[at];
-      squares += weight[at] * residual[at] ** 2;
-    }
-    // noise is alike over a block, which so counts once
-    const variance = (squares / all) * block[0] * block[1];
-    if (amplitude ** 2 * power < LEAST_TOGGLING ** 2 * variance || power === 0) return;
     const equations = new MotionEquations(this.#maps);
-    equations.take(expected, amplitude, residual, weight);
+    equations.take(change, expected, amplitude, weight);
+    // noise is alike over a block, which so counts once
+    const variance = (equations.power / all) * block[0] * block[1];
+    if (amplitude ** 2 * power < LEAST_TOGGLING ** 2 * variance || power === 0) return;
     const { matrix, right } = equations.normal();
     const sure = 1 / Math.max(variance, 1e-6);
     const asked = right.map((value) => sure * value);
@@ -135,10 +130,10 @@ export class CornerShift {
  * Give pixels a weight that falls with the gradient of the picture.
  *
  * @param {FloatPlane} image
- * @returns {Float32Array} in (0, 1]
+ * @returns {FloatPlane} in (0, 1]
  */
 function evenness(image) {
   const { across, down } = slopesOf(image);
   const unit = (8 * STEEP) ** 2;
-  return across.map((slope, at) => 1 / (1 + (slope ** 2 + down[at] ** 2) / unit));
+  return { ...image, data: across.map((slope, at) => 1 / (1 + (slope ** 2 + down[at] ** 2) / unit)) };
 }
