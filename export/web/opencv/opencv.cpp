@@ -289,6 +289,39 @@ PAGE void weightedSums(const Plane &rows, const Plane &weights, const Plane &to)
   }
 }
 
+// Divides what differs from its mean over time by its deviation and so much more: a row for each frame.
+PAGE void overDeviation(const Plane &values, double more, const Plane &to) {
+  const int count = values.width, frames = values.height;
+  const float *from = static_cast<float *>(values.data);
+  float *over = static_cast<float *>(to.data);
+  std::vector<double> mean(count), scale(count);
+  for (int at = 0; at < frames * count; at += count) {
+    for (int i = 0; i < count; i++) mean[i] += from[at + i];
+  }
+  for (double &sum : mean) sum /= frames;
+  for (int at = 0; at < frames * count; at += count) {
+    for (int i = 0; i < count; i++) scale[i] += (from[at + i] - mean[i]) * (from[at + i] - mean[i]);
+  }
+  for (double &sum : scale) sum = 1 / (std::sqrt(sum / frames) + more);
+  for (int at = 0; at < frames * count; at += count) {
+    for (int i = 0; i < count; i++) over[at + i] = (from[at + i] - mean[i]) * scale[i];
+  }
+}
+
+// Adds up frames, a row of pixels each, times what each column shows in them, or each row: `shown` has a
+// row for each of these.
+PAGE void sumsAlong(const Plane &frames, const Plane &shown, int byRows, const Plane &to) {
+  const float *from = static_cast<float *>(frames.data);
+  std::fill_n(static_cast<float *>(to.data), to.width * to.height, 0.0f);
+  for (int t = 0; t < frames.height; t++) {
+    float *sum = static_cast<float *>(to.data);
+    const double *share = shown.numbers() + t;
+    for (int y = 0; y < to.height; y++) {
+      for (int x = 0; x < to.width; x++) *sum++ += *from++ * share[(byRows ? y : x) * shown.width];
+    }
+  }
+}
+
 // Keeps in each column the largest of `weightedSums`, and 0 where none is positive.
 PAGE void largestSums(const Plane &rows, const Plane &weights, const Plane &to) {
   Mat largest = to.mat(), sums(largest.size(), CV_32F);

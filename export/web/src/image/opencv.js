@@ -140,3 +140,15 @@ export function planeLike({ data }, width, height) {
   const make = data instanceof Uint8Array ? bytePlane : floatPlane;
   return /** @type {any} */ (make(width, height));
 }
+
+/**
+ * Write arrays one below the other.
+ *
+ * @param {readonly ArrayLike<number>[]} arrays - of one length
+ * @returns {Plane<Float32Array<ArrayBuffer>>} a row for each
+ */
+export function rowsOf(arrays) {
+  const rows = floatPlane(arrays[0].length, arrays.length);
+  arrays.forEach((values, i) => rows.data.set(values, i * rows.width));
+  return rows;
+}

@@ -15,17 +15,18 @@ const EACH = TURNS * SHAPES.length;
 /** Units of work of drawing the templates of a patch. */
 const DRAW_WORK = 2;
 
-/** Numbers of the templates that OpenCV's memory keeps. @type {WeakMap<Layout, number>} */
-const banks = new WeakMap();
+/** Numbers of the templates that OpenCV's memory keeps, by the patches. @type {Map<string, number>} */
+const banks = new Map();
 
 /**
- * Draw the templates of a layout, once.
+ * Draw the templates of a layout's patches, once.
  *
  * @param {Layout} layout - with patches
  * @returns {Steps<number>} the number by which `compare` knows them
  */
 export function* bankSteps(layout) {
-  const known = banks.get(layout);
+  const key = layout.tileLevelsToggled.join(";");
+  const known = banks.get(key);
   if (known !== undefined) return known;
   const count = layout.ratex.length * EACH;
   const templates = floatPlane(WINDOW_AREA, count);
@@ -37,7 +38,7 @@ export function* bankSteps(layout) {
   const data = layout.bankDirections;
   const directions = { width: WINDOW_AREA, height: data.length / WINDOW_AREA, data };
   const bank = call("keepBank", [templates, directions]);
-  banks.set(layout, bank);
+  banks.set(key, bank);
   return bank;
 }
 

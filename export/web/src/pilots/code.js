@@ -7,7 +7,7 @@
  */
 
 import { pilotCode, pilotsCode } from "../generated/constants.js";
-import { call, floatPlane } from "../image/opencv.js";
+import { call, floatPlane, rowsOf } from "../image/opencv.js";
 import { roundHalfEven } from "../image/round.js";
 import { dot } from "../link/linear.js";
 import { DisplayClock } from "./clock.js";
@@ -287,17 +287,6 @@ export class CodeSearch {
     const start = this.#middle - moment + (across + down) / 2;
     return new DisplayClock(period, start, across, down, this.#shutter[rate]);
   }
-}
-
-/**
- * Write series one below the other.
- *
- * @param {readonly ArrayLike<number>[]} series - of one length
- */
-function rowsOf(series) {
-  const rows = floatPlane(series[0].length, series.length);
-  series.forEach((values, i) => rows.data.set(values, i * rows.width));
-  return rows;
 }
 
 /**

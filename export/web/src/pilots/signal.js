@@ -9,6 +9,7 @@
 
 import { pilotsSignal } from "../generated/constants.js";
 import { lessMeanAround } from "../image/blur.js";
+import { call, floatPlane, rowsOf } from "../image/opencv.js";
 import { areaMeans } from "../image/shrink.js";
 import { MOST_SPAN, alongWave, spanOf, waves } from "./waves.js";
 
@@ -225,19 +226,7 @@ function explainedShare(real, imaginary, phases) {
  * @returns {Float32Array[]} (n,) for each
  */
 export function overDeviation(values) {
-  const mean = new Float64Array(values[0].length);
-  const scale = new Float64Array(mean.length);
-  for (const now of values) for (let i = 0; i < mean.length; i++) mean[i] += now[i];
-  for (let i = 0; i < mean.length; i++) mean[i] /= values.length;
-  for (const now of values) {
-    for (let i = 0; i < mean.length; i++) scale[i] += (now[i] - mean[i]) ** 2;
-  }
-  for (let i = 0; i < mean.length; i++) {
-    scale[i] = 1 / (Math.sqrt(scale[i] / values.length) + LEAST_DEVIATION);
-  }
-  return values.map((now) => {
-    const over = new Float32Array(now.length);
-    for (let i = 0; i < over.length; i++) over[i] = (now[i] - mean[i]) * scale[i];
-    return over;
-  });
+  const over = floatPlane(values[0].length, values.length);
+  call("overDeviation", [rowsOf(values), LEAST_DEVIATION], [over]);
+  return values.map((_, at) => over.data.subarray(at * over.width, (at + 1) * over.width));
 }

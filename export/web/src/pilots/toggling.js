@@ -6,6 +6,7 @@
  */
 
 import { pilotsToggling } from "../generated/constants.js";
+import { call, floatPlane, rowsOf } from "../image/opencv.js";
 import { DisplayClock, embeddedShare } from "./clock.js";
 import { CodeSearch } from "./code.js";
 import {
@@ -235,15 +236,10 @@ export class CodedToggling {
     const shown = embeddedShare(this.clock.numbers, times, places, this.code).map(
       (share) => 2 * share - 1,
     );
-    const data = new Float32Array(xs.length * ys.length);
-    series.forEach((values, t) => {
-      for (let y = 0, i = 0; y < ys.length; y++) {
-        for (let x = 0; x < xs.length; x++, i++) {
-          data[i] += values[i] * shown[(isDown ? y : x) * at.length + t];
-        }
-      }
-    });
-    return { data, power: lengthOf(shown) ** 2 / line.length };
+    const all = { width: at.length, height: line.length, data: shown };
+    const sums = floatPlane(xs.length, ys.length);
+    call("sumsAlong", [rowsOf(series), all, Number(isDown)], [sums]);
+    return { data: sums.data, power: lengthOf(shown) ** 2 / line.length };
   }
 
   /** @type {Toggling["clockInSeconds"]} */

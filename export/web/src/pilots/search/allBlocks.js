@@ -12,7 +12,7 @@
 
 import { pilotsSearchAllBlocks } from "../../generated/constants.js";
 import { lessMeanAround } from "../../image/blur.js";
-import { call, floatPlane } from "../../image/opencv.js";
+import { call, rowsOf } from "../../image/opencv.js";
 import { areaMeans } from "../../image/shrink.js";
 import { remapped, warped } from "../../image/warp.js";
 import { Lens, homographyFromCorners, transform } from "../../link/geometry.js";
@@ -317,10 +317,9 @@ export class BlockFit {
  * Write planes one below the other.
  *
  * @param {readonly FloatPlane[]} planes - of one size
+ * @returns {FloatPlane}
  */
 function below(planes) {
   const [{ width, height }] = planes;
-  const all = floatPlane(width, height * planes.length);
-  planes.forEach(({ data }, i) => all.data.set(data, i * data.length));
-  return all;
+  return { width, height: height * planes.length, data: rowsOf(planes.map(({ data }) => data)).data };
 }

@@ -6,6 +6,7 @@
  */
 
 import { filmGraph, receiveReadingFilm } from "../../generated/constants.js";
+import { rowsOf } from "../../image/opencv.js";
 import { areaMeans } from "../../image/shrink.js";
 import { expectedChanges } from "../../pilots/signal.js";
 import { MESH } from "./states.js";
@@ -117,8 +118,8 @@ export class FilmDesk {
     const pairs = Array.from({ length: last + 1 - first }, (_, at) => first + at);
     const { rows, cols, width, height, messageBlocks } = this.#layout;
     const scores = await this.#scorer.score({
-      frames: joined(window.map(({ gray }) => gray)),
-      seen: joined(window.map(({ seen }) => seen)),
+      frames: rowsOf(window.map(({ gray }) => gray)).data,
+      seen: rowsOf(window.map(({ seen }) => seen)).data,
       known: this.#known,
       times: Float64Array.from(window, ({ time }) => time),
       clock: clock.numbers,
@@ -147,11 +148,4 @@ export class FilmDesk {
  */
 function pairsShown(clock, time) {
   return [clock.earliest, clock.latest].map((end) => Math.floor(clock.number(time + end) / 2));
-}
-
-/** @param {Float32Array[]} parts - of one length */
-function joined(parts) {
-  const whole = new Float32Array(parts.length * parts[0].length);
-  parts.forEach((part, at) => whole.set(part, at * part.length));
-  return whole;
 }
