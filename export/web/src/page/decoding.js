@@ -41,7 +41,7 @@ async function warmAll() {
     await inTurn(() => warm(decoder)).catch(() => {});
     await new Promise((resolve) => setTimeout(resolve)); // requests that came meanwhile are next
   }
-  await inTurn(() => film?.load()).catch(() => {});
+  await inTurn(() => film?.warm()).catch(() => {});
 }
 
 /** What the worker does for another one. @typedef {typeof functions} Decoding */

@@ -45,7 +45,7 @@ export const FRAME_MS = 200;
  * searched while others are still to be watched, and nothing is being settled: what is missed then
  * cannot be watched any more.
  */
-const SPARE = 0.6;
+const SPARE = 0.8;
 
 /**
  * A display that its pilots have given away: the layout that it shows, one of those that were

@@ -29,7 +29,7 @@ const LIKELY_WORK = 100;
  * Shares of a frame's time, before a camera that does not wait, of the likeliest candidates of the
  * first search, and of all else: pilots are looked for meanwhile.
  */
-const [LIKELY_SHARE, LATER_SHARE] = [0.5, 0.05];
+const [LIKELY_SHARE, LATER_SHARE] = [0.1, 0.05];
 /** Distance, in pixels, of the image's rows and columns that thumbnails are made of. */
 const THUMBNAIL_STEP = 4;
 
