@@ -550,6 +550,42 @@ static Mat fittedTo(const Mat &marked, const Point2f *from, const Point2f *to) {
   return before.size() < 4 ? Mat() : findHomography(before, after);
 }
 
+// Moves a homography nearer to the points that are marked, by least squares (Gauss-Newton).
+static Mat nearer(const Mat &H, const uchar *marked, const Point2f *from, const Point2f *to, int count) {
+  double h[9];
+  for (int i = 0; i < 9; i++) h[i] = H.ptr<double>()[i] / H.ptr<double>()[8];
+  for (int round = 0; round < 2; round++) {
+    double matrix[64] = {}, right[8] = {};
+    for (int i = 0; i < count; i++) {
+      if (!marked[i]) continue;
+      const double x = from[i].x, y = from[i].y, w = 1 / (h[6] * x + h[7] * y + 1);
+      const double u = (h[0] * x + h[1] * y + h[2]) * w, v = (h[3] * x + h[4] * y + h[5]) * w;
+      const double slopes[2][8] = {{x * w, y * w, w, 0, 0, 0, -u * x * w, -u * y * w},
+                                   {0, 0, 0, x * w, y * w, w, -v * x * w, -v * y * w}};
+      const double left[2] = {to[i].x - u, to[i].y - v};
+      for (int axis = 0; axis < 2; axis++) {
+        for (int k = 0; k < 8; k++) {
+          for (int m = 0; m <= k; m++) matrix[8 * k + m] += slopes[axis][k] * slopes[axis][m];
+          right[k] += slopes[axis][k] * left[axis];
+        }
+      }
+    }
+    // the numbers are of very different sizes, which scales make alike
+    double scale[8], move[8];
+    for (int k = 0; k < 8; k++) scale[k] = 1 / std::sqrt(matrix[9 * k] + 1e-300);
+    for (int k = 0; k < 8; k++) {
+      right[k] *= scale[k];
+      for (int m = 0; m <= k; m++) {
+        matrix[8 * m + k] = matrix[8 * k + m] *= scale[k] * scale[m];
+      }
+    }
+    Mat solved(8, 1, CV_64F, move);
+    if (!solve(Mat(8, 8, CV_64F, matrix), Mat(8, 1, CV_64F, right), solved, DECOMP_CHOLESKY)) break;
+    for (int k = 0; k < 8; k++) h[k] += scale[k] * move[k];
+  }
+  return Mat(3, 3, CV_64F, h).clone();
+}
+
 // Whether each three of four points turn the same way before and after, as where nothing is turned over.
 static bool turnAlike(const Point2f *from, const Point2f *to) {
   for (int left = 0; left < 4; left++) {
@@ -589,7 +625,7 @@ static Mat fittedHomography(const Mat &from, const Mat &to, double apart, int tr
       if (found <= most) break;
       most = found;
       same.copyTo(agree);
-      H = fittedTo(agree, before, after);
+      H = nearer(H, agree.data, before, after, count);
     }
     // as many tries as miss four points that agree once in 1000 times
     const double missed = 1 - std::pow(double(most) / count, 4);
