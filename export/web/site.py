@@ -36,8 +36,8 @@ MARK = "presets.json"
 """Name of a file that every site has; a folder without it is no site, and is not replaced."""
 MAX_GZIP_BYTES = 6_500_000
 """Largest size of all files together, in bytes after gzip, that a phone should have to load."""
-WARM_PRESETS = {"patches": "paper", "pilots": "hidden"}
-"""By kind of display the preset whose film the page reads to get ready."""
+WARM_PRESET = "hidden"
+"""Name of the preset whose film the page reads to get ready."""
 ICON_SIDES = (192, 512)
 """Widths, in pixels, of the icons that phones show for the installed page."""
 COMPLAINT = re.compile(r"Error: |\[ERROR\] |npm error [^c]")
@@ -142,14 +142,10 @@ def write_inputs(folder: Path) -> None:
     write_bytes(folder / "send.json", json.dumps(sent).encode())
     write_bytes(folder / TEMPLATE.name, TEMPLATE.read_bytes())
     write_demo(folder)
-    films = []
-    for kind, name in WARM_PRESETS.items():
-        film = draw_warm_film(PRESETS[name].layout)
-        states = f"warm/{kind}.bin"
-        write_bytes(folder / states, film.states.tobytes())
-        size = dict(zip(("width", "height"), SIZE_PX, strict=True))
-        films.append({"layout": layout_table(film.layout), "states": states, **size})
-    write_bytes(folder / "warm.json", json.dumps(films, separators=(",", ":")).encode())
+    film = draw_warm_film(PRESETS[WARM_PRESET].layout)
+    write_bytes(folder / "warm.bin", film.states.tobytes())
+    warm = {"layout": layout_table(film.layout), "width": SIZE_PX[0], "height": SIZE_PX[1]}
+    write_bytes(folder / "warm.json", json.dumps(warm, separators=(",", ":")).encode())
     for side in ICON_SIDES:
         write_image(folder / f"icon-{side}.png", draw_icon(side))
 

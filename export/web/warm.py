@@ -1,8 +1,8 @@
-"""Draw the short films that the page's receiver reads before the first frame of a camera.
+"""Draw the short film that the page's receiver reads before the first frame of a camera.
 
 Browsers compile code while it runs: the first frames take many times as long as later ones, and a
 camera does not wait. So the receiver runs on small frames first (src/receive/warm.js), in which it
-finds, follows and decodes a display of each kind: one with patches and one with pilots.
+finds, follows and decodes a display.
 """
 
 from dataclasses import replace

@@ -35,8 +35,8 @@ const presets = new Map();
 const decoders = [];
 /** Decodes windows of film. @type {FilmScorer | null} */
 let filmScorer = null;
-/** What is read to get ready. @type {WarmFilm[]} */
-const warmFilms = [];
+/** What is read to get ready; null before it is loaded. @type {WarmFilm | null} */
+let warmFilm = null;
 
 /** What is read now. */
 const film = {
@@ -80,7 +80,7 @@ const functions = {
   load: () => inTurn(loadAll),
 
   /** Run everything once; graphs, which are needed later, may not be there yet. */
-  warm: () => inTurn(() => warmUp(warmFilms, WARM_MS)),
+  warm: () => inTurn(() => warmFilm && warmUp(warmFilm, WARM_MS)),
 
   /**
    * Begin a new film or camera.
@@ -139,8 +139,9 @@ async function loadAll() {
   const { decoding, ready } = startDecoding(addressOf("decoding.js"));
   ready.catch((error) => (undecodable = error)); // the next frame tells
   filmScorer = remoteFilm(decoding);
-  const [table, films] = await Promise.all([
+  const [table, { layout, width, height }, levels] = await Promise.all([
     ...["presets.json", "warm.json"].map(async (name) => (await load(name)).json()),
+    load("warm.bin").then(async (file) => new Uint8Array(await file.arrayBuffer())),
     load("opencv.wasm").then(loadOpenCv),
   ]);
   for (const [number, { name, layout }] of table.entries()) {
@@ -148,14 +149,9 @@ async function loadAll() {
     presets.set(known, name);
     decoders.push(new RemoteDecoder(known, number, decoding));
   }
-  for (const { layout, width, height, states } of films) {
-    const levels = new Uint8Array(await (await load(states)).arrayBuffer());
-    const size = width * height;
-    warmFilms.push({
-      layout: new Layout(layout),
-      states: [0, size].map((at) => ({ width, height, data: levels.subarray(at, at + size) })),
-    });
-  }
+  const size = width * height;
+  const states = [0, size].map((at) => ({ width, height, data: levels.subarray(at, at + size) }));
+  warmFilm = { layout: new Layout(layout), states };
 }
 
 /** @param {Pixels} pixels @returns {Promise<Plane>} */

@@ -1,16 +1,15 @@
 /**
- * Let a receiver read short films that Python has drawn, before the first frame of a camera.
+ * Let a receiver read a short film that Python has drawn, before the first frame of a camera.
  *
  * Browsers compile code while it runs: the first frames take many times as long as later ones, and
- * a camera does not wait. So all parts of the receiver run on small frames first, in which a
- * display of each kind, with patches and with pilots, is to be found, followed, and decoded
- * (export/web/warm.py).
+ * a camera does not wait. So the receiver runs on small frames first, in which a display with pilots
+ * is to be found, followed, and decoded (export/web/warm.py).
  */
 
 import { range, scrambled } from "../link/code/scrambled.js";
 import { Receiver } from "./receiver.js";
 
-/** Frames a second of the films. */
+/** Frames a second of the film. */
 const WARM_FPS = 30;
 /** Number of frame pairs that are decoded, and largest number of frames until then. */
 const [DECODED, FRAMES] = [2, 60];
@@ -24,28 +23,21 @@ const NOISE = 3;
  */
 
 /**
- * Read films, each until frame pairs are decoded, or until it has taken long enough.
+ * Read a film until frame pairs are decoded, or until it has taken long enough.
  *
- * @param {readonly WarmFilm[]} films
- * @param {number} [mostMs] - time that all have, in equal parts, milliseconds
+ * @param {WarmFilm} film
+ * @param {number} [mostMs] - time after which no frame is read any more, milliseconds
  * @returns {Promise<number>} the number of frame pairs that were decoded
  */
-export async function warmUp(films, mostMs = Infinity) {
-  const start = performance.now();
-  let decoded = 0;
-  for (const [number, { layout, states }] of films.entries()) {
-    const end = start + (mostMs * (number + 1)) / films.length;
-    const receiver = new Receiver([{ layout, decode: async () => guesses(layout) }], WARM_FPS);
-    for (let frame = 0; frame < FRAMES && receiver.decoded < DECODED; frame++) {
-      if (performance.now() >= end) break;
-      const state = layout.code.isPlain ? frame >> 1 : frame; // codes run at known rates alone
-      const [, embedded] = layout.code.statesOf(state >> 1);
-      const shown = states[Number(state === embedded)];
-      await receiver.push(noisy(shown, frame), frame / WARM_FPS);
-    }
-    decoded += receiver.decoded;
+export async function warmUp({ layout, states }, mostMs = Infinity) {
+  const end = performance.now() + mostMs;
+  const receiver = new Receiver([{ layout, decode: async () => guesses(layout) }], WARM_FPS);
+  for (let state = 0; state < FRAMES && receiver.decoded < DECODED; state++) {
+    if (performance.now() >= end) break;
+    const [, embedded] = layout.code.statesOf(state >> 1);
+    await receiver.push(noisy(states[Number(state === embedded)], state), state / WARM_FPS);
   }
-  return decoded;
+  return receiver.decoded;
 }
 
 /**
