@@ -143,7 +143,7 @@ def write_inputs(folder: Path) -> None:
     write_bytes(folder / TEMPLATE.name, TEMPLATE.read_bytes())
     write_demo(folder)
     film = draw_warm_film(PRESETS[WARM_PRESET].layout)
-    write_bytes(folder / "warm.bin", film.states.tobytes())
+    write_bytes(folder / "warm/states.bin", film.states.tobytes())
     warm = {"layout": layout_table(film.layout), "width": SIZE_PX[0], "height": SIZE_PX[1]}
     write_bytes(folder / "warm.json", json.dumps(warm, separators=(",", ":")).encode())
     for side in ICON_SIDES:

@@ -141,7 +141,7 @@ async function loadAll() {
   filmScorer = remoteFilm(decoding);
   const [table, { layout, width, height }, levels] = await Promise.all([
     ...["presets.json", "warm.json"].map(async (name) => (await load(name)).json()),
-    load("warm.bin").then(async (file) => new Uint8Array(await file.arrayBuffer())),
+    load("warm/states.bin").then(async (file) => new Uint8Array(await file.arrayBuffer())),
     load("opencv.wasm").then(loadOpenCv),
   ]);
   for (const [number, { name, layout }] of table.entries()) {
