@@ -188,12 +188,15 @@ class CodecChannel:
         """Return the frames that the codec still holds, when the film has ended."""
         if not self._encoder.width:
             return []
-        return self._decode(self._encoder.encode(None)) + self._decoded(self._decoder.decode(None))
+        last = self._decode(self._encoder.encode(None))
+        return last + self._decoded(self._decoder.decode(None))
 
     def _decode(self, packets: "list[av.Packet[av.VideoStream]]") -> list[VideoFrame]:
         self._bytes += sum(packet.size for packet in packets)
         self._packets += len(packets)
-        return [one for packet in packets for one in self._decoded(self._decoder.decode(packet))]
+        return [
+            frame for packet in packets for frame in self._decoded(self._decoder.decode(packet))
+        ]
 
     def _decoded(self, coded: "list[av.VideoFrame]") -> list[VideoFrame]:
         """Give decoded frames the truth of those that went in at the same time."""
@@ -299,8 +302,8 @@ def _open(
     else:
         options["sc_threshold"] = "0"
         if width % 256:
-            # x264's macroblock tree takes 16 blocks of 16 pixels at a time, and what memory holds
-            # behind a row's end
+            # x264's macroblock tree reads 16 blocks of 16 pixels at a time; beyond the end of such
+            # rows that is whatever memory holds, which differs from run to run
             options["mbtree"] = "0"
     context.options = options
     try:

@@ -53,15 +53,11 @@ PAGE void lessMeanAround(const Plane &from, int across, int down, const Plane &t
   subtract(from.mat(), to.mat(), to.mat());
 }
 
-// Draws blocks as rectangles with nothing around them, blurs them, and takes off the mean around.
-PAGE void drawnChanges(const Plane &blocks, int left, int top, double sigma, int across, int down,
-                       const Plane &to) {
-  Mat drawn = Mat::zeros(to.height, to.width, CV_32F), smooth = drawn.clone();
+// Draws blocks as rectangles, with nothing around them.
+PAGE void drawnBlocks(const Plane &blocks, int left, int top, const Plane &to) {
   const Rect inner(left, top, to.width - 2 * left, to.height - 2 * top);
-  resize(blocks.mat(), drawn(inner), inner.size(), 0, 0, INTER_NEAREST);
-  blurred({drawn.data, CV_32F, to.width, to.height}, sigma, BORDER_DEFAULT,
-          {smooth.data, CV_32F, to.width, to.height});
-  lessMeanAround({smooth.data, CV_32F, to.width, to.height}, across, down, to);
+  to.mat() = 0;
+  resize(blocks.mat(), to.mat()(inner), inner.size(), 0, 0, INTER_NEAREST);
 }
 
 // Adds up the products of two maps with themselves and with each other.
@@ -71,9 +67,11 @@ PAGE void agreement(const Plane &seen, const Plane &expected, const Plane &sums)
   sums.numbers()[2] = seen.mat().dot(seen.mat());
 }
 
+// Number of powers of x and of y, as in pilots/motion.js.
+static const int powers = 5;
+
 // Sums up a map times powers of x and of y, which give the places of its columns and rows.
 static void addMoments(const double *map, const Plane &x, const Plane &y, double *table) {
-  const int powers = 5;
   for (int row = 0; row < y.width; row++, map += x.width) {
     double line[powers] = {};
     for (int col = 0; col < x.width; col++) {
@@ -96,6 +94,7 @@ static void addMoments(const double *map, const Plane &x, const Plane &y, double
 PAGE double motionSums(const Plane &seen, const Plane &expected, double amplitude,
                        const Plane *weight, const Plane &x, const Plane &y, double scaleX,
                        double scaleY, const Plane *bending, const Plane &sums) {
+  if (sums.width != powers * powers) abort();
   const int width = x.width, height = y.width, pixels = width * height;
   std::vector<double> maps[7];
   for (auto &map : maps) map.resize(pixels);
@@ -341,6 +340,27 @@ static double onTime(double x, const Plane &signs) {
   return pair + (sign < 0 ? std::min(rest, 1.0) : std::max(rest - 1, 0.0));
 }
 
+// Works out the share that embedded frames have of exposures at some times, of a place that sees the
+// display's first state from `start` on.
+static void expose(double period, double start, double shutter, const Plane &times,
+                   const Plane &signs, double *shares) {
+  const double faster = 1 / period, length = shutter / period, scale = period / shutter;
+  for (int t = 0; t < times.width; t++) {
+    const double begin = (times.numbers()[t] - start) * faster;
+    shares[t] = (onTime(begin + length, signs) - onTime(begin, signs)) * scale;
+  }
+}
+
+// The shares at each place of the display; a clock is that of pilots/clock.js.
+PAGE void embeddedShare(const Plane &clock, const Plane &times, const Plane &places,
+                        const Plane &signs, const Plane &to) {
+  const double *numbers = clock.numbers(), *place = places.numbers();
+  for (int p = 0; p < places.width / 2; p++, place += 2) {
+    const double delay = numbers[2] * place[0] + numbers[3] * place[1];
+    expose(numbers[0], numbers[1] - delay, numbers[4], times, signs, to.numbers() + p * times.width);
+  }
+}
+
 // Makes what a block of sign 1 shows at a display's centre by each of its clocks, as pilots/code.js
 // numbers them, and its squared length. `drifts` are taken out; they are orthogonal, of length 1.
 PAGE void codeWaves(const Plane &since, const Plane &drifts, const Plane &periods,
@@ -350,12 +370,9 @@ PAGE void codeWaves(const Plane &since, const Plane &drifts, const Plane &period
   std::vector<double> wave(frames);
   for (int at = 0; at < clocks; at++) {
     const double period = periods.numbers()[at / steps], shutter = shutters.numbers()[at / steps];
-    const double moment = double(at % steps) / phases * period, faster = 1 / period;
-    for (int t = 0; t < frames; t++) {
-      const double begin = (since.numbers()[t] + moment) * faster;
-      const double open = onTime(begin + shutter / period, signs) - onTime(begin, signs);
-      wave[t] = 2 * (open * (period / shutter)) - 1;
-    }
+    const double moment = double(at % steps) / phases * period;
+    expose(period, -moment, shutter, since, signs, wave.data());
+    for (double &share : wave) share = 2 * share - 1;
     for (int i = 0; i < 2 * drifts.height; i++) { // twice, as rounding leaves some the first time
       const double *drift = drifts.numbers() + i % drifts.height * frames;
       double along = 0;

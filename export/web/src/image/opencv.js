@@ -17,7 +17,7 @@
 /** What lies beyond the border of an image: nothing, its outermost pixels, or itself mirrored. */
 export const BEYOND = { zero: 0, replicate: 1, reflect: 4 };
 /** How pixels of a resized image come from those that were there. */
-export const BY = { nearest: 0, linear: 1, cubic: 2, area: 3 };
+export const BY = { linear: 1, cubic: 2, area: 3 };
 
 /** OpenCV's numbers of the types of samples. @type {Map<Function, number>} */
 const TYPES = new Map([

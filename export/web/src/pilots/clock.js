@@ -7,6 +7,7 @@
  * t, with delay = x delayX + y delayY.
  */
 
+import { call } from "../image/opencv.js";
 import { PLAIN } from "../link/pilotCode.js";
 
 /** When the display shows which state: state n begins at `start` + n `period`. */
@@ -108,29 +109,6 @@ export function embeddedShare(
   code = PLAIN,
   shares = new Float64Array((places.length / 2) * times.length),
 ) {
-  const [period, start, delayX, delayY, shutter] = clock;
-  const faster = 1 / period;
-  const length = shutter / period;
-  const scale = period / shutter;
-  for (let place = 0, at = 0; 2 * place < places.length; place++) {
-    const delay = delayX * places[2 * place] + delayY * places[2 * place + 1] - start;
-    for (let k = 0; k < times.length; k++, at++) {
-      const begin = (times[k] + delay) * faster;
-      shares[at] = (onTime(begin + length, code) - onTime(begin, code)) * scale;
-    }
-  }
+  call("embeddedShare", [clock, times, places, code.signs], [shares]);
   return shares;
-}
-
-/**
- * Integrate, from 0 to x states, a wave that is 1 while an embedded frame is shown, else 0.
- *
- * @param {number} x
- * @param {PilotCode} code
- */
-function onTime(x, code) {
-  const whole = Math.floor(x * 0.5);
-  const rest = x - 2 * whole;
-  if (code.sign(whole) < 0) return whole + (rest < 1 ? rest : 1);
-  return whole + (rest > 1 ? rest - 1 : 0);
 }

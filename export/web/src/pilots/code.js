@@ -77,10 +77,7 @@ export class CodeSearch {
     this.#second = second;
     this.#hz = rates((this.#newest - since[0]) / second);
     this.#steps = 2 * PHASES * code.period;
-    this.#shutter = Float64Array.from(
-      this.#hz,
-      (hz) => OPEN * Math.min(second / hz, 1 / fps),
-    );
+    this.#shutter = Float64Array.from(this.#hz, (hz) => OPEN * Math.min(second / hz, 1 / fps));
     const farthest = Math.max(...since.map(Math.abs), 1e-9);
     for (let power = 0; power < Math.min(DRIFT, times.length); power++) {
       const drift = takeOut(since.map((time) => (time / farthest) ** power), this.#drifts);

@@ -34,17 +34,7 @@ const UNIT_PIXELS = 40_000;
  * @returns {FloatPlane}
  */
 export function withoutSlope(change, block) {
-  return lessMeanAround(change, ...around(block));
-}
-
-/**
- * Give width and height of what counts as around a pixel.
- *
- * @param {ArrayLike<number>} block - width and height of a block, pixels
- * @returns {[number, number]} odd
- */
-function around(block) {
-  return [Math.floor(3 * block[0]) | 1, Math.floor(3 * block[1]) | 1];
+  return lessMeanAround(change, Math.floor(3 * block[0]) | 1, Math.floor(3 * block[1]) | 1);
 }
 
 /**
@@ -155,15 +145,15 @@ export class GridMaps {
     const drawn = floatPlane(this.size[0], this.size[1]);
     const plane = { width: cols, height: rows, data: Float32Array.from(blocks) };
     const [left, top] = this.margin;
-    const sigma = span * Math.min(...this.block);
-    call("drawnChanges", [plane, left, top, sigma, ...around(this.block)], [drawn]);
-    return drawn;
+    call("drawnBlocks", [plane, left, top], [drawn]);
+    return this.smooth(drawn, span);
   }
 }
 
 /** Adds up what maps of a change tell of the eight numbers, or of these and of one further motion. */
 export class MotionEquations {
-  #maps;
+  #size;
+  #places;
   #bending;
   #sums = new Float64Array(SUMS * POWERS * POWERS);
   /** Power, weighed, of what expected changes leave. */
@@ -175,7 +165,8 @@ export class MotionEquations {
    *   a display from -1 to 1
    */
   constructor(maps, bending = null) {
-    this.#maps = maps;
+    this.#size = maps.inner;
+    this.#places = maps.places();
     this.#bending = bending;
   }
 
@@ -188,8 +179,8 @@ export class MotionEquations {
    * @param {FloatPlane | null} [weight] - of each pixel of a map; 1 where absent
    */
   take(seen, expected, amplitude, weight = null) {
-    const [x, y] = this.#maps.places();
-    const [width, height] = this.#maps.inner;
+    const [x, y] = this.#places;
+    const [width, height] = this.#size;
     const more = new Float64Array(this.#sums.length);
     const sums = { width: POWERS * POWERS, height: SUMS, data: more };
     this.power += call(

@@ -52,11 +52,10 @@ const THUMBNAIL_STEP = 4;
 
 /**
  * Finds a display, and follows it from frame to frame. `layout` is that of the display that was
- * found last. `follow` takes the next frame and its time in seconds; it gives the display, or null where it
- * is not in view.
- * `correct` moves the display within its rectified image, from the next frame on. `setAside` has it
- * look elsewhere, too, with the next frame, because what is followed does not toggle, and is followed
- * no more where another display was found. `isIdle` says that it may pass over the next frames: it
+ * found last. `follow` takes the next frame and its time in seconds; it gives the display, or null
+ * where it is not in view. `correct` moves the display within its rectified image, from the next
+ * frame on. `setAside` has it look elsewhere, too, with the next frame, because what is followed does
+ * not toggle, and is followed no more where another display was found. `isIdle` says that it may pass over the next frames: it
  * follows no display, and no search would be cut off.
  *
  * @typedef {object} DisplayTracker
