@@ -35,9 +35,9 @@ and number of new frames that the next one then waits for: while windows are sco
 does not wait gives none."""
 QUIET = np.array(CHANNELS["gray"]["quiet"], np.float32)
 """(1, 3) weights of R, G and B that make gray with little noise of the camera."""
-SURE = 0.9
-"""Information in bits a block from which the film's scores are not compared with those of a pair:
-there is little to gain."""
+VAGUE = 0.05
+"""Information in bits a block below which the film's scores are compared with those of a pair,
+which says more where the picture moves."""
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ the display and hands its frames to the reader of its layout (`export.receive.re
 """
 
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from time import perf_counter
 
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from export.film_graph import FilmScorer, reads_films
 from export.pilots.clock import DisplayClock
 from export.receive.decoders import PairDecoder
-from export.receive.reading.film import SURE, FilmDesk, information
+from export.receive.reading.film import VAGUE, FilmDesk, information
 from export.receive.reading.pairs import ComposedPair, PairScorer
 from export.receive.reading.states import (
     MESH,
@@ -296,8 +297,9 @@ class DisplayReader:
     def _next_scored(self, clock: DisplayClock, over: bool) -> tuple[ComposedPair, SoftBits] | None:
         """Score the next frame pair that waits, or return None where that is left for later.
 
-        Scores come from a window of film. Where the picture moves, the film decoder knows less than
-        a single frame pair tells; the pairs of that window are then decoded one by one.
+        Scores come from a window of film. Where the picture moves, the film decoder says next to
+        nothing, and less than a single frame pair does; the pairs of that window are then decoded
+        one by one.
         """
         if self._scored:
             return self._scored.popleft()
@@ -310,7 +312,7 @@ class DisplayReader:
             scores = self._desk.score(clock, [composed.number for composed in self._waiting])
             self.timing.add("film", start)
             done, last = self._waiting[: len(scores)], self._waiting[len(scores) - 1]
-            if not self._says_less(scores[last.number], last):
+            if not self._says_less(scores, last):
                 del self._waiting[: len(scores)]
                 for composed in done:
                     soft = SoftBits(scores[composed.number])
@@ -323,10 +325,11 @@ class DisplayReader:
         composed = self._waiting.pop(0)
         return composed, self._scorer.score(composed)
 
-    def _says_less(self, scores: NDArray[np.float64], composed: ComposedPair) -> bool:
-        """Tell whether the film says less of a frame pair than its two states do."""
-        known = information(scores)
-        return known < SURE and known < information(self._scorer.score_states(composed).scores)
+    def _says_less(self, scores: Mapping[int, NDArray[np.float64]], last: ComposedPair) -> bool:
+        """Tell whether the film says less of its frame pairs than the last one's two states do."""
+        known = np.mean([information(found) for found in scores.values()])
+        alone = information(self._scorer.score_states(last).scores) if known < VAGUE else 0.0
+        return bool(known < alone)
 
     def _finish_pair(
         self, composed: ComposedPair, soft: SoftBits, time: float, work: float = np.inf

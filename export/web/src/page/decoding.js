@@ -1,8 +1,8 @@
 /**
  * The worker that runs the decoders' graphs, beside the worker that looks through the frames.
  *
- * So both load at once, and graphs that nobody needs yet are made ready while the display is still
- * being looked for: all are loaded and run once, one after the other, as a first run takes longer.
+ * So both load at once. The film decoder, which most presets need, is run once beforehand, as a
+ * first run takes longer; the graphs of frame pairs are made ready when they are first needed.
  */
 
 import { expose } from "comlink";
@@ -20,43 +20,18 @@ const decoders = [];
 /** The film decoder, once the graph is there. @type {FilmGraph | null} */
 let film = null;
 
-/** @param {Layout} layout @returns {Plane} something gray */
-function grayFrame({ width, height }) {
-  return { width, height, data: Uint8Array.from({ length: width * height }, (_, at) => at % 251) };
-}
-
-/**
- * Load a graph and run it once.
- *
- * @param {Decoder} decoder
- */
-async function warm(decoder) {
-  await decoder.decode(grayFrame(decoder.layout), grayFrame(decoder.layout));
-}
-
-/** Make all graphs ready, and do meanwhile what is asked for. */
-async function warmAll() {
-  for (const decoder of decoders) {
-    // what fails here fails again, and is told, when the graph is needed
-    await inTurn(() => warm(decoder)).catch(() => {});
-    await new Promise((resolve) => setTimeout(resolve)); // requests that came meanwhile are next
-  }
-  await inTurn(() => film?.warm()).catch(() => {});
-}
-
 /** What the worker does for another one. @typedef {typeof functions} Decoding */
 const functions = {
-  /** Load onnxruntime, and the graph of the first preset. */
+  /** Load onnxruntime with the film decoder, and the other graphs' files. */
   prepare: () =>
     inTurn(async () => {
       ort.env.wasm.wasmPaths = { mjs: addressOf("ort.js"), wasm: addressOf("ort.wasm") };
+      film = new FilmGraph(new Uint8Array(await (await load("models/film.onnx")).arrayBuffer()));
+      await film.warm();
       for (const { model, layout } of await (await load("presets.json")).json()) {
         const graph = new Uint8Array(await (await load(model)).arrayBuffer());
         decoders.push(new Decoder(new Layout(layout), graph));
       }
-      film = new FilmGraph(new Uint8Array(await (await load("models/film.onnx")).arrayBuffer()));
-      await decoders[0].load();
-      void warmAll();
     }),
 
   /** @param {number} preset - whose graph is loaded, unless it is there */

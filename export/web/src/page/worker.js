@@ -73,14 +73,20 @@ const recording = {
 
 /** Why graphs cannot be run, or null where nothing speaks against it. @type {unknown} */
 let undecodable = null;
+/** Resolves when the film decoder can run, or never will. */
+let graphs = Promise.resolve();
 
 /** What the worker does for the page. @typedef {typeof functions} Reading */
 const functions = {
-  /** Load OpenCV and the table of presets; their graphs are loaded meanwhile. */
+  /** Load OpenCV and the table of presets; graphs are loaded meanwhile. */
   load: () => inTurn(loadAll),
 
-  /** Run everything once; graphs, which are needed later, may not be there yet. */
-  warm: () => inTurn(() => warmFilm && warmUp(warmFilm, WARM_MS)),
+  /** Run everything once. */
+  warm: () =>
+    inTurn(async () => {
+      if (warmFilm) await warmUp(warmFilm, WARM_MS);
+      await graphs;
+    }),
 
   /**
    * Begin a new film or camera.
@@ -137,7 +143,7 @@ const functions = {
 /** Load what reading needs, but for the graphs, which are loaded beside. */
 async function loadAll() {
   const { decoding, ready } = startDecoding(addressOf("decoding.js"));
-  ready.catch((error) => (undecodable = error)); // the next frame tells
+  graphs = ready.catch((error) => void (undecodable = error)); // the next frame tells
   filmScorer = remoteFilm(decoding);
   const [table, { layout, width, height }, levels] = await Promise.all([
     ...["presets.json", "warm.json"].map(async (name) => (await load(name)).json()),

@@ -14,7 +14,7 @@ import { MESH } from "./states.js";
 /** @typedef {import("../../filmGraph.js").FilmScorer} FilmScorer */
 /** @typedef {import("./states.js").RectifiedFrame} RectifiedFrame */
 
-export const { WINDOW, LEAST_FRAMES, FINE_BLOCKS, STRIDE_S, SURE } = receiveReadingFilm;
+export const { WINDOW, LEAST_FRAMES, FINE_BLOCKS, STRIDE_S, VAGUE } = receiveReadingFilm;
 const { FINE_WINDOW, MISSED, FRESH_FRAMES } = receiveReadingFilm;
 const { SHRINK } = filmGraph;
 

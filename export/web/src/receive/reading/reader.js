@@ -8,7 +8,7 @@
 import { receiveReadingReader } from "../../generated/constants.js";
 import { makeCollector } from "../../link/code/collect.js";
 import { informationOf } from "../../link/code/scores.js";
-import { FilmDesk, SURE } from "./film.js";
+import { FilmDesk, VAGUE } from "./film.js";
 import { PairScorer } from "./pairs.js";
 import { composeState, pointsInView, unseenState } from "./states.js";
 import { Synchroniser } from "../timing/synchronise.js";
@@ -127,9 +127,9 @@ export class DisplayReader {
     this.collector.startRun();
   }
 
-  /** Get ready: frames of this layout will soon come. */
+  /** Get ready: frames of this layout will soon come. A film decoder mostly needs no other. */
   async load() {
-    await Promise.all([this.decoder.load?.(), this.#desk?.load()]);
+    await (this.#desk ?? this.decoder).load?.();
   }
 
   /**
@@ -286,8 +286,9 @@ export class DisplayReader {
   /**
    * Score the next frame pair that waits, or return null where that is left for later.
    *
-   * Scores come from a window of film. Where the picture moves, the film decoder knows less than a
-   * single frame pair tells; the pairs of that window are then decoded one by one.
+   * Scores come from a window of film. Where the picture moves, the film decoder says next to
+   * nothing, and less than a single frame pair does; the pairs of that window are then decoded one
+   * by one.
    *
    * @param {DisplayClock} clock
    * @param {boolean} isOver - whether the frames have ended
@@ -300,8 +301,7 @@ export class DisplayReader {
       const numbers = waiting.map(({ number }) => number);
       const scores = await desk.score(clock, numbers);
       this.#timing.add("film", start);
-      const newest = waiting[scores.size - 1];
-      if (await this.#saysLess(scores.get(newest.number) ?? new Float32Array(0), newest)) {
+      if (await this.#saysLess(scores, waiting[scores.size - 1])) {
         this.#byPairs = scores.size;
       } else {
         for (const composed of waiting.splice(0, scores.size)) {
@@ -320,15 +320,16 @@ export class DisplayReader {
   }
 
   /**
-   * Tell whether the film says less of a frame pair than its two states do.
+   * Tell whether the film says less of its frame pairs than the last one's two states do.
    *
-   * @param {Float32Array} scores - by the film
-   * @param {ComposedPair} composed
+   * @param {Map<number, Float32Array>} scores - by the film
+   * @param {ComposedPair} last
    */
-  async #saysLess(scores, composed) {
-    const known = informationOf(scores) / scores.length;
-    if (known >= SURE) return false;
-    const alone = await this.#scorer.scoreStates(composed);
+  async #saysLess(scores, last) {
+    const each = [...scores.values()].map((found) => informationOf(found) / found.length);
+    const known = each.reduce((sum, one) => sum + one, 0) / each.length;
+    if (known >= VAGUE) return false;
+    const alone = await this.#scorer.scoreStates(last);
     return known < informationOf(alone) / alone.length;
   }
 
