@@ -10,7 +10,7 @@ import { locateSpots } from "../generated/constants.js";
 import { scaled } from "../image/shrink.js";
 import { distance, homographyFromPoints, inImage, transform } from "../link/geometry.js";
 import { determinant, inverse, multiply3 } from "../link/linear.js";
-import { SEEN_PX, WINDOW_PX, bankSteps, compare } from "./bank.js";
+import { SEEN_PX, WINDOW_PX, bankOf, compare } from "./bank.js";
 import { patchCentres } from "./patches.js";
 import { distinct, isSound } from "./quads.js";
 import { steepestPlaces } from "./steep.js";
@@ -31,7 +31,11 @@ const LEAST_DEPTH = 0.05;
 /** Distances, in pixels of the small image, below which two quadrilaterals are one. */
 const SAME_WHOLE_PX = 4.0;
 const SAME_PARTIAL_PX = 6.0;
-/** Units of work of resizing, of finding steep places, of comparing places, and of one combination. */
+/**
+ * Units of work of drawing templates, of resizing, of finding steep places, of comparing places, and
+ * of one combination.
+ */
+const DRAW_WORK = 10;
 const RESIZE_WORK = 1;
 const STEEP_WORK = 3;
 const COMPARE_WORK = 0.75;
@@ -54,7 +58,8 @@ const COMBINE_WORK = 2;
 export function* spotSteps(gray, layout) {
   /** @type {Match[][]} */
   const found = layout.ratex.map(() => []);
-  const bank = yield* bankSteps(layout);
+  const bank = bankOf(layout);
+  yield DRAW_WORK;
   for (const size of PATCH_PX) yield* matchesOfSize(gray, bank, size, found);
   return found.map(bestApart);
 }
