@@ -8,6 +8,7 @@ from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from importlib import import_module
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from link.errors import InputError
@@ -92,15 +93,16 @@ def open_chromium(flags: Sequence[str] = ()) -> Iterator["Page"]:
             f"no Chromium: found none of {', '.join(BROWSERS)}; apt install chromium, or your "
             "system's way"
         )
-    with playwright_api.sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(
-            executable_path=program, args=[*BROWSER_FLAGS, *flags]
+    with playwright_api.sync_playwright() as playwright, TemporaryDirectory() as profile:
+        chromium = playwright.chromium.launch_persistent_context(
+            profile,  # without one, nothing that was compiled is kept
+            executable_path=program,
+            args=[*BROWSER_FLAGS, *flags],
+            viewport={"width": 390, "height": 844},
+            service_workers="block",
         )
         try:
-            context = chromium.new_context(
-                viewport={"width": 390, "height": 844}, service_workers="block"
-            )
-            yield context.new_page()
+            yield chromium.pages[0]
         finally:
             chromium.close()
 

@@ -5,16 +5,17 @@ all presets. Python's receiver reads the gray frames of each film. The page's re
 same film in one of two ways:
 
 - ``--by node``: it reads the frames from a file, in Node.js, one after another; both receivers have
-  one thread.
+  one thread. The file waits for them.
 - ``--by chromium``: the whole page runs in Chromium, whose simulated camera plays the film in its
-  own time. Frames that come while the page is busy are lost, as on a phone. The film is longer than
-  the time that the page has for it, so that it does not begin again.
+  own time. Frames that come while the page is busy are lost, as on a phone; so are those that come
+  while Python's receiver is busy. The film is longer than the time that the page has for it, so
+  that it does not begin again. The page is opened twice: a browser compiles its code at the first
+  visit, and keeps it for the next.
 
 The seconds until the message are those of the camera, from the first frame that a receiver which
-is ready could take. Python's receiver is ready before the film begins, and the film waits for it.
-So does the file that the page reads in Node.js. Before Chromium's camera, the page's seconds begin
-when the camera has been opened and the page has said that it is ready, whichever comes later; how
-long that takes from the page's opening is told beside them.
+is ready could take. Python's receiver is ready before the film begins. Before Chromium's camera,
+the page's seconds begin when the camera has been opened and the page has said that it is ready,
+whichever comes later; how long that takes from the page's opening is told beside them.
 
 Films are read one after the other whatever ``--jobs`` says, so that times can be compared. Needs
 Node.js and npm; ``chromium`` needs Playwright and Chromium, too.
@@ -29,8 +30,8 @@ from dataclasses import asdict, dataclass, replace
 from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from time import perf_counter
-from typing import Any
+from time import perf_counter, sleep
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -50,6 +51,9 @@ from reports.engine.digest import code_digest, package_versions, short_digest
 from reports.render.tables import Table, share_interval
 from reports.score.intervals import wilson
 
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
 SETTINGS = {
     "paper": FilmSettings(n_bytes=100),
     "robust": FilmSettings(preset="robust", n_bytes=100),
@@ -67,7 +71,10 @@ VIEWS = (0.0, 45.0)
 FILM_S = {"node": 6.3, "chromium": 36.0}
 """Length of a film, seconds, by the way in which the page reads it."""
 CAMERA_S = 30.0
-"""Time, in seconds, that the page has before the camera until a film is given up."""
+"""Time, in seconds, that a receiver has before the camera until a film is given up."""
+STAYED_S = 6.0
+"""Least time, in seconds, for which the first visit lasts, so that the browser keeps what it has
+compiled."""
 FILMED_BY = ("data_gen.film.stream", "data_gen.frame_pair")
 """Modules that decide, with all that they import, what a film shows."""
 FILMED = (
@@ -80,11 +87,12 @@ STATISTICS = "Medians; shares have 95 % intervals, ratios the least and the larg
 READ = {
     "node": f"Each is {FILM_S['node']:g} s long. Both receivers on one thread. {STATISTICS}",
     "chromium": (
-        f"Chromium's camera plays each, for at most {CAMERA_S:g} s. Seconds run from "
-        "the first frame that a receiver could take, which is ready by then; before that, the page "
-        "is loaded and gets ready for the last column's seconds. Its frames are those that it had "
-        "time for. Where the camera gives fewer than the film's 30 frames/s, the machine was too "
-        "busy, and the film ran slower and less evenly than it was taken. "
+        f"Chromium's camera plays each, for at most {CAMERA_S:g} s. Seconds run from the first "
+        "frame that a receiver could take, which is ready by then. Frames are those that it had "
+        "time for; Python's receiver takes the film's in their own time, too. The page had been "
+        "opened before, but for the last column. Where the camera gives fewer than the film's 30 "
+        "frames/s, the machine was too busy, and the film ran slower and less evenly than it was "
+        "taken. "
         f"{STATISTICS}"
     ),
 }
@@ -147,8 +155,6 @@ class Read:
     """Number of frames that came while the receiver was busy."""
     waited: float = 0.0
     """Time from the page's opening until it could take a frame, seconds; 0 without a camera."""
-    said: str = ""
-    """What the page said at the end, where it was shown."""
 
     @property
     def camera_fps(self) -> float:
@@ -172,6 +178,8 @@ class FilmRead:
     """What Python's receiver made of the film."""
     page: Read
     """What the page's receiver made of it."""
+    first: Read | None = None
+    """What it made of it when the page was opened for the first time, before Chromium's camera."""
 
     def read_by(self, who: str) -> Read:
         """Return what one receiver made of it, "python" or "page"."""
@@ -180,7 +188,8 @@ class FilmRead:
     @classmethod
     def from_stored(cls, fields: dict[str, Any]) -> "FilmRead":
         """Make what `dataclasses.asdict` returned into an object again."""
-        return cls(**fields | {who: Read(**fields[who]) for who in RECEIVERS})
+        reads = {who: Read(**fields[who]) for who in (*RECEIVERS, "first") if fields.get(who)}
+        return cls(**fields | reads)
 
 
 @dataclass(frozen=True)
@@ -250,21 +259,34 @@ def film_file(take: PageTake, filmed: MessageFilm) -> Iterator[Path]:
         yield path
 
 
-def read_in_python(filmed: MessageFilm, path: Path) -> Read:
-    """Read a film's file by Python's receiver."""
+def read_in_python(filmed: MessageFilm, path: Path, waits: bool) -> Read:
+    """Read a film's file by Python's receiver.
+
+    Args:
+        filmed: the film.
+        path: its file.
+        waits: whether the film waits for the receiver, as a camera does not.
+    """
     decoders, film = open_decoders(None, 1)
     fps = filmed.take.settings.fps
     receiver = Receiver(decoders, fps, film=film)
     message: str | None = None
-    seconds, time = 0.0, 0.0
+    seconds, time, skipped, begun = 0.0, 0.0, 0, perf_counter()
     for number, gray in enumerate(read_y4m(path)):
-        start, time = perf_counter(), number / fps
+        time = number / fps
+        early = begun + time - perf_counter()
+        if not waits and early < -1 / fps:
+            skipped += 1
+            continue
+        sleep(0 if waits else max(0, early))
+        start = perf_counter()
         step = receiver.push(gray, time)
         seconds += perf_counter() - start
         if step.message is not None:
             message = step.message.data.hex()
             break
-    return Read(message, time, receiver.frames, seconds, dict(receiver.timing.spent))
+    time = time if waits else perf_counter() - begun
+    return Read(message, time, receiver.frames, seconds, dict(receiver.timing.spent), skipped)
 
 
 def read_in_node(site: Path, path: Path) -> Read:
@@ -279,29 +301,37 @@ def read_in_node(site: Path, path: Path) -> Read:
     return Read(data, read["time"], read["frames"], read["seconds"], read["stages"])
 
 
-def read_in_chromium(site: Path, path: Path) -> Read:
-    """Let the page watch a film in Chromium's simulated camera, until it has a message.
+def read_in_chromium(site: Path, path: Path) -> tuple[Read, Read]:
+    """Let the page watch a film in Chromium's simulated camera, at its first visit and at the next.
 
     Raises:
         InputError: Playwright or Chromium is missing.
     """
     with serve_folder(site) as address, open_chromium(camera_flags(path)) as page:
         page.add_init_script(WATCH)
-        page.goto(address)
-        end = perf_counter() + CAMERA_S
-        while (seen := page.evaluate("seen"))["message"] is None and perf_counter() < end:
-            page.wait_for_timeout(100)
-        counts = COUNTS.search(text_of(page, "details"))
-        taken, skipped = (int(count) for count in counts.groups()) if counts else (0, 0)
-        data, time = None, CAMERA_S
-        waited = max(seen["camera"] or 0, seen["ready"] or 0) / 1000
-        if seen["message"] is not None:
-            time = seen["message"] / 1000 - waited
-            with page.expect_download() as saved:
-                page.locator("#keep").click()
-            data = Path(saved.value.path()).read_bytes().hex()
-        said = f"{text_of(page, 'status')}. {text_of(page, 'advice')}"
-    return Read(data, time, taken, time, {}, skipped=skipped, waited=waited, said=said)
+        begun = perf_counter()
+        first = visit(page, address)
+        page.wait_for_timeout(max(0.0, 1000 * (begun + STAYED_S - perf_counter())))
+        page.goto("about:blank")
+        return first, visit(page, address)
+
+
+def visit(page: "Page", address: str) -> Read:
+    """Open the page, and wait until it has a message or none in time."""
+    page.goto(address)
+    end = perf_counter() + CAMERA_S
+    while (seen := page.evaluate("seen"))["message"] is None and perf_counter() < end:
+        page.wait_for_timeout(100)
+    counts = COUNTS.search(text_of(page, "details"))
+    taken, skipped = (int(count) for count in counts.groups()) if counts else (0, 0)
+    data, time = None, CAMERA_S
+    waited = max(seen["camera"] or 0, seen["ready"] or 0) / 1000
+    if seen["message"] is not None:
+        time = seen["message"] / 1000 - waited
+        with page.expect_download() as saved:
+            page.locator("#keep").click()
+        data = Path(saved.value.path()).read_bytes().hex()
+    return Read(data, time, taken, time, {}, skipped, waited)
 
 
 def read_film(take: PageTake) -> dict[str, Any]:
@@ -313,11 +343,14 @@ def read_film(take: PageTake) -> dict[str, Any]:
     one_thread()
     filmed = take.film()
     with film_file(take, filmed) as path:
-        python = read_in_python(filmed, path)
-        page = (read_in_chromium if take.way == "chromium" else read_in_node)(take.site, path)
+        python = read_in_python(filmed, path, waits=take.way == "node")
+        if take.way == "node":
+            first, page = None, read_in_node(take.site, path)
+        else:
+            first, page = read_in_chromium(take.site, path)
     of = filmed.take
     message = filmed.message.hex()
-    return asdict(FilmRead(take.setting, of.pair, of.view, message, python, page))
+    return asdict(FilmRead(take.setting, of.pair, of.view, message, python, page, first))
 
 
 def read_films(flags: PageFlags, workshop: Workshop, site: Path) -> list[FilmRead]:
@@ -366,11 +399,13 @@ def page_table(films: Sequence[FilmRead], by: str) -> Table:
         if by == "chromium":
             row.append(f"{np.median([film.page.camera_fps for film in mine]):.0f}")
             row.append(f"{np.median([film.page.waited for film in mine]):.1f}")
+            firsts = [film.first.time for film in mine if film.first]
+            row.append(f"{np.median(firsts):.1f}")
         rows.append(row)
     heads = ["preset", "films", "Python", "page", "wrong, page", "Python, s", "page, s"]
     heads += ["page's s over Python's", "Python, frames/s", "page, frames/s"]
     if by == "chromium":
-        heads += ["camera, frames/s", "page opened until ready, s"]
+        heads += ["camera, frames/s", "page opened until ready, s", "page at first visit, s"]
     return Table(heads, rows, f"{FILMED} {READ[by]}")
 
 

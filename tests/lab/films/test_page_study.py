@@ -33,7 +33,8 @@ def read(data: str | None, time: float, **stages: float) -> Read:
 def films() -> list[FilmRead]:
     python = read("yes", 2.0, track=0.1)
     reads = [read("yes", 3.0, track=0.2), read(None, 9.0, track=0.2), read("no!", 2.0, track=0.2)]
-    return [FilmRead("paper", "canon-lg", 0.0, "yes", python, found) for found in reads]
+    fields = "paper", "canon-lg", 0.0, "yes", python
+    return [FilmRead(*fields, found, replace(found, time=found.time + 1)) for found in reads]
 
 
 def cells_of(table: page.Table) -> list[str]:
@@ -53,7 +54,7 @@ def test_what_did_not_come_and_what_is_wrong_count_apart() -> None:
 def test_before_a_camera_the_page_gets_ready_first() -> None:
     cells = cells_of(page_table(films(), "chromium"))
     assert cells[:10] == cells_of(page_table(films(), "node"))
-    assert cells[10:] == ["20", "1.5"]
+    assert cells[10:] == ["20", "1.5", "4.0"]
 
 
 def test_stages_are_given_a_frame() -> None:

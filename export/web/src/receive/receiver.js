@@ -147,7 +147,7 @@ export class Receiver {
       if (this.#tracked !== null) this.found++;
       return { tracked: this.#tracked, pairs: [], message: this.#reader.goOn() };
     }
-    const tracked = (this.#tracked = this.#find(frame, time));
+    const tracked = (this.#tracked = this.#find(frame, time, start));
     this.timing.add("track", start);
     if (tracked === null) {
       this.#sight.miss(frame);
@@ -167,8 +167,9 @@ export class Receiver {
    *
    * @param {BytePlane} frame
    * @param {number} time
+   * @param {number} begun - when the work on the frame began, milliseconds of `performance.now`
    */
-  #find(frame, time) {
+  #find(frame, time, begun) {
     const followed = this.#following;
     if (followed !== null) this.#rests?.wake(time);
     else if (this.#rests !== null) {
@@ -181,7 +182,7 @@ export class Receiver {
     const others = this.#trackers.filter((tracker) => tracker !== followed);
     const first = followed === null || isStill ? [] : [followed];
     for (const tracker of [...first, ...others, ...(isStill ? [followed] : [])]) {
-      const tracked = tracker.follow(frame, time);
+      const tracked = tracker.follow(frame, time, begun);
       if (tracked === null) continue;
       this.#following = tracker;
       const reader = this.#readers.get(tracker.layout);

@@ -41,8 +41,8 @@ export const FRAME_WORK = 44;
  */
 export const FRAME_MS = 200;
 /**
- * Share of the time from one frame to the next in which such a camera's frames are watched and
- * searched while others are still to be watched, and nothing is being settled: what is missed then
+ * Share of the time from one frame to the next in which all work on a frame of such a camera is to
+ * be done while others are still to be watched, and nothing is being settled: what is missed then
  * cannot be watched any more.
  */
 const SPARE = 0.8;
@@ -113,10 +113,10 @@ export class PilotSearch {
    *
    * @param {BytePlane} gray - it may be kept, so it must not change afterwards
    * @param {number} time - of the frame, seconds; rising from frame to frame
+   * @param {number} [begun] - when the work on the frame began, milliseconds of `performance.now`
    * @returns {PilotDisplay | null} the display once it is sure
    */
-  push(gray, time) {
-    const start = performance.now();
+  push(gray, time, begun = performance.now()) {
     const watch = this.#watch;
     let isFollowed = watch !== null && watch.take(gray, time);
     if (watch !== null && isFollowed && !watch.isInView()) {
@@ -138,7 +138,7 @@ export class PilotSearch {
     const share = FRAME_WORK * Math.max(1, Math.round(STEPS_HZ / this.fps));
     const most = this.#isLive ? Infinity : share; // time ends the work there
     const isSpare = isWatching && !this.#isSettling;
-    const until = start + (isSpare ? (SPARE * 1000) / this.fps : this.frameMs);
+    const until = begun + (isSpare ? (SPARE * 1000) / this.fps : this.frameMs);
     let work = 0;
     while (work < most) {
       const step = this.#work.next();

@@ -52,8 +52,8 @@ const THUMBNAIL_STEP = 4;
 
 /**
  * Finds a display, and follows it from frame to frame. `layout` is that of the display that was
- * found last. `follow` takes the next frame and its time in seconds; it gives the display, or null
- * where it is not in view. `correct` moves the display within its rectified image, from the next
+ * found last. `follow` takes the next frame, its time in seconds, and when the work on it began, in
+ * milliseconds of `performance.now`; it gives the display, or null where it is not in view. `correct` moves the display within its rectified image, from the next
  * frame on. `setAside` has it look elsewhere, too, with the next frame, because what is followed does
  * not toggle, and is followed no more where another display was found. `isIdle` says that it may pass over the next frames: it
  * follows no display, and no search would be cut off.
@@ -61,7 +61,7 @@ const THUMBNAIL_STEP = 4;
  * @typedef {object} DisplayTracker
  * @property {Layout} layout
  * @property {boolean} isIdle
- * @property {(image: BytePlane, time: number) => Tracked | null} follow
+ * @property {(image: BytePlane, time: number, begun?: number) => Tracked | null} follow
  * @property {(HOldFromNew: Float64Array) => void} correct
  * @property {(time: number, forget: boolean) => void} setAside
  */

@@ -69,10 +69,11 @@ export class PilotTracker {
    *
    * @param {BytePlane} image - gray
    * @param {number} time - of the frame, seconds; rising from frame to frame
+   * @param {number} [begun] - when the work on the frame began, milliseconds of `performance.now`
    * @returns {Tracked | null} the display, or null where it is not in view
    */
-  follow(image, time) {
-    if (this.#follower.corners === null) return this.#look(image, time);
+  follow(image, time, begun) {
+    if (this.#follower.corners === null) return this.#look(image, time, begun);
     const step = this.#follower.step(image);
     const tracked = step === null ? null : this.#accept(image, step.corners, step.fresh);
     if (tracked !== null && this.#stillThere(tracked, time)) return tracked;
@@ -85,9 +86,10 @@ export class PilotTracker {
   /**
    * @param {BytePlane} image
    * @param {number} time
+   * @param {number} [begun]
    */
-  #look(image, time) {
-    const found = this.#search.push(image, time);
+  #look(image, time, begun) {
+    const found = this.#search.push(image, time, begun);
     if (found === null) return null;
     this.#follower = new Follower(found.layout, found.k, this.#search.pictureMoves);
     this.#HFollowedFromShown = identity(3);
