@@ -12,7 +12,6 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from data_gen.film.codec import through_codec
@@ -78,8 +77,6 @@ class DeliverySummary:
     """95 % quantile of these seconds."""
     loops_median: float
     """Median number of loops of the message until then."""
-    bound_seconds: float
-    """Median of `bound_seconds`."""
     bits_wrong: Share
     """Share of the decided bits that are wrong."""
     goodput_bit_s: float
@@ -138,23 +135,9 @@ def deliveries(
     return sorted(made, key=lambda run: (run.pair, run.view_deg, run.run))
 
 
-def bound_seconds(delivery: Delivery, settings: FilmSettings) -> float:
-    """Shortest time in which a code for hard bits could deliver at this run's share of wrong bits.
-
-    It is the capacity of a binary symmetric channel, for a receiver that knows from the start the
-    clock of the display and the place in the loop.
-    """
-    n_bits = settings.layout.n_bits
-    p = min(max(delivery.bits_wrong / max(delivery.bits, 1), 1e-9), 0.5)
-    entropy = -p * np.log2(p) - (1 - p) * np.log2(1 - p)
-    per_pair = max(n_bits * (1 - entropy), 1e-9)
-    return float(8 * settings.n_bytes / per_pair * 2 / settings.state_hz)
-
-
 def summarise_deliveries(runs: Sequence[Delivery], settings: FilmSettings) -> list[DeliverySummary]:
     """Pool the runs of each view, and all of them."""
     table = pd.DataFrame([asdict(delivery) for delivery in runs])
-    table["bound"] = [bound_seconds(delivery, settings) for delivery in runs]
     views = sorted({delivery.view_deg for delivery in runs})
     groups = {f"{view:g}°": table[table["view_deg"] == view] for view in views} | {"all": table}
     rows = []
@@ -172,7 +155,6 @@ def summarise_deliveries(runs: Sequence[Delivery], settings: FilmSettings) -> li
                 seconds_median=float(came["seconds"].median()) if len(came) else None,
                 seconds_95=float(came["seconds"].quantile(0.95)) if len(came) else None,
                 loops_median=float(came["loops"].median()) if len(came) else 0.0,
-                bound_seconds=float(group["bound"].median()),
                 bits_wrong=int(group["bits_wrong"].sum()) / max(1, int(group["bits"].sum())),
                 goodput_bit_s=8 * settings.n_bytes * len(came) / max(filmed, 1 / settings.fps),
             )
@@ -181,19 +163,15 @@ def summarise_deliveries(runs: Sequence[Delivery], settings: FilmSettings) -> li
 
 
 def delivery_blocks(results: Mapping[str, Results[DeliveryContent]]) -> dict[str, str]:
-    """Tabulate the settings of a plain camera, and say what the bound is."""
-    bound = (
-        "*bound*: the time that a perfect code for hard bits would need at the same share of wrong "
-        "bits, if the receiver knew the clock and the place in the loop from the start."
-    )
-    return {"receiver": f"{delivery_table(results).markdown()}\n\n{bound}"}
+    """Tabulate the settings of a plain camera."""
+    return {"receiver": delivery_table(results).markdown()}
 
 
 def delivery_table(results: Mapping[str, Results[DeliveryContent]]) -> Table:
     """Show one row for each setting of the preset paper before a plain camera."""
     heads = (
         "states/s", "camera fps", "pairs", "runs", "delivered in 3 loops", "95 % interval",
-        "wrong messages", "bits wrong %", "seconds, median (95 %)", "loops", "bound, s",
+        "wrong messages", "bits wrong %", "seconds, median (95 %)", "loops",
         "goodput, bit/s",
     )  # fmt: skip
     rows = []
@@ -216,7 +194,6 @@ def delivery_table(results: Mapping[str, Results[DeliveryContent]]) -> Table:
                 percent(row.bits_wrong),
                 seconds,
                 f"{row.loops_median:.2f}",
-                f"{row.bound_seconds:.1f}",
                 f"{row.goodput_bit_s:.0f}",
             ]
         )

@@ -13,7 +13,7 @@ import pandas as pd
 
 from data_gen.pairs import PAIRS
 from export.send.hiding import Hiding, Onlooker
-from lab.films.delivery import deliveries, summarise_deliveries
+from lab.films.delivery import deliveries
 from lab.films.trial import Delivery, FilmSettings, check_filmed, check_settings
 from lab.study import Results, Study, StudyFlags, Workshop
 from link.errors import at_least, choose, each_once
@@ -80,8 +80,6 @@ class FilmSeries:
     """Length of the message, bytes."""
     view: float
     """Angle between the camera and the normal of the display, degrees."""
-    bound_seconds: float
-    """Median of `lab.films.delivery.bound_seconds`."""
     runs: list[Delivery]
     """Every run."""
 
@@ -105,7 +103,7 @@ def rates_blocks(results: Mapping[str, Results[RatesContent]]) -> dict[str, str]
     heads = (
         "setting", "grid", "κ", "states/s", "camera fps", "bytes", "view", "delivered",
         "95 % interval", "wrong messages", "goodput, kbit/s, median", "least", "seconds, median",
-        "bound, s", "bits wrong %", "contrast over threshold",
+        "bits wrong %", "contrast over threshold",
     )  # fmt: skip
     order = list(SETTINGS)
     found = [series for stored in results.values() for series in stored.content.series]
@@ -132,7 +130,6 @@ def rates_blocks(results: Mapping[str, Results[RatesContent]]) -> dict[str, str]
                 _rate(rate.median()) if len(came) else "–",
                 _rate(rate.min()) if len(came) else "–",
                 number(came["seconds"].median(), 1),
-                f"{series.bound_seconds:.1f}",
                 percent(runs["bits_wrong"].sum() / max(1, runs["bits"].sum())),
                 f"{contrast_of(film.preset, film.state_hz, film.kappa):.3g}",
             ]
@@ -166,8 +163,7 @@ def measure_rates(flags: RatesFlags, workshop: Workshop) -> RatesContent:
         film = flags.film(name)
         for view in flags.views:
             runs = deliveries(film, flags.pairs, (view,), flags.runs, flags.seed, workshop)
-            bound = summarise_deliveries(runs, film)[-1].bound_seconds
-            found.append(FilmSeries(name, film.n_bytes, view, bound, runs))
+            found.append(FilmSeries(name, film.n_bytes, view, runs))
     return RatesContent(found)
 
 

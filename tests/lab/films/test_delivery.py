@@ -100,15 +100,6 @@ def test_the_stored_summary_is_that_of_the_stored_runs(label: str) -> None:
         assert vars(row) | {"view": 0} == pytest.approx(vars(expected) | {"view": 0}, rel=FLOAT64)
 
 
-def test_the_bound_is_the_channels_capacity() -> None:
-    settings = FilmSettings(n_bytes=59, state_hz=2.0)
-    perfect = replace(RUN, bits_wrong=0)
-    n_bits = make_layout().n_bits
-    assert delivery.bound_seconds(perfect, settings) == pytest.approx(8 * 59 / n_bits, rel=1e-6)
-    eleventh = replace(RUN, bits=1000, bits_wrong=110)
-    assert delivery.bound_seconds(eleventh, settings) == pytest.approx(16 * 59 / n_bits, 1e-3)
-
-
 def test_a_run_goes_on_with_the_takes_that_are_missing(
     command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

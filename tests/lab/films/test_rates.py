@@ -42,7 +42,7 @@ def test_rates_are_those_of_the_runs() -> None:
         return Delivery("canon-lg", 0.0, 0, "a", delivered, False, 1.0, seconds, 9, 100, 5)
 
     later, sooner = (
-        Results({}, RatesContent([FilmSeries("fast", 20_000, view, 1.25, runs)]))
+        Results({}, RatesContent([FilmSeries("fast", 20_000, view, runs)]))
         for view, runs in ((45.0, [run(9.0, False)]), (0.0, [run(2.0, True), run(4.0, True)]))
     )
     table = rates_blocks({"one": later, "other": sooner})["rates"].splitlines()
@@ -51,7 +51,6 @@ def test_rates_are_those_of_the_runs() -> None:
     assert cells["delivered"] == "2 of 2"
     assert cells["goodput, kbit/s, median"] == "60"  # of 80 and 40
     assert cells["least"] == "40"
-    assert cells["bound, s"] == "1.2"
     assert cells["bits wrong %"] == "5.00"
     assert lost["view"] == "45°"
     assert (lost["delivered"], lost["least"], lost["seconds, median"]) == ("0 of 1", "–", "–")
