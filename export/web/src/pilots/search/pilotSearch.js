@@ -159,8 +159,9 @@ export class PilotSearch {
     }
     this.#spent += work === Infinity ? 1 : Math.min(work, most) / share;
     const patience = PATIENCE_S * 2 ** Math.min(Math.floor(this.#failed / 2), MOST_DOUBLED);
-    const mustGoOn = this.#isLive && this.#isSettling;
-    return this.#spent > patience * this.fps && !mustGoOn ? this.#fail() : null;
+    if (!this.#isLive) return this.#spent > patience * this.fps ? this.#fail() : null;
+    const searched = time - watch.frames[watch.frames.length - 1].time; // and nothing watched
+    return searched > patience && !this.#isSettling ? this.#fail() : null;
   }
 
   /** Choose how the next search begins after one in vain. */
