@@ -75,8 +75,6 @@ class DeliverySummary:
     """Median of the seconds of film until the message; None where none came."""
     seconds_95: float | None
     """95 % quantile of these seconds."""
-    loops_median: float
-    """Median number of loops of the message until then."""
     bits_wrong: Share
     """Share of the decided bits that are wrong."""
     goodput_bit_s: float
@@ -154,7 +152,6 @@ def summarise_deliveries(runs: Sequence[Delivery], settings: FilmSettings) -> li
                 wrong_messages=int(group["wrong"].sum()),
                 seconds_median=float(came["seconds"].median()) if len(came) else None,
                 seconds_95=float(came["seconds"].quantile(0.95)) if len(came) else None,
-                loops_median=float(came["loops"].median()) if len(came) else 0.0,
                 bits_wrong=int(group["bits_wrong"].sum()) / max(1, int(group["bits"].sum())),
                 goodput_bit_s=8 * settings.n_bytes * len(came) / max(filmed, 1 / settings.fps),
             )
@@ -171,7 +168,7 @@ def delivery_table(results: Mapping[str, Results[DeliveryContent]]) -> Table:
     """Show one row for each setting of the preset paper before a plain camera."""
     heads = (
         "states/s", "camera fps", "pairs", "runs", "delivered in 3 loops", "95 % interval",
-        "wrong messages", "bits wrong %", "seconds, median (95 %)", "loops",
+        "wrong messages", "bits wrong %", "seconds, median (95 %)",
         "goodput, bit/s",
     )  # fmt: skip
     rows = []
@@ -193,7 +190,6 @@ def delivery_table(results: Mapping[str, Results[DeliveryContent]]) -> Table:
                 str(row.wrong_messages),
                 percent(row.bits_wrong),
                 seconds,
-                f"{row.loops_median:.2f}",
                 f"{row.goodput_bit_s:.0f}",
             ]
         )

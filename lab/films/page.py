@@ -45,7 +45,7 @@ from lab.films.y4m import read_y4m, write_y4m
 from lab.study import Results, Study, StudyFlags, Workshop
 from link.code.framing import frames_needed
 from link.errors import at_least, choose, each_once
-from link.images import as_gray, make_folder, temporary_name
+from link.images import as_gray, replaced
 from reports.engine.backends import Backend, one_thread
 from reports.engine.digest import code_digest, package_versions, short_digest
 from reports.render.tables import Table, share_interval
@@ -230,14 +230,9 @@ class PageTake:
 
 def write_gray_film(filmed: MessageFilm, path: Path) -> None:
     """Film, and write the gray frames to a .y4m file, which Chromium's camera plays, too."""
-    hidden = temporary_name(path)
-    try:
-        with hidden.open("wb") as stream:
-            grays = (as_gray(frame.rgb) for frame in filmed.frames)
-            write_y4m(stream, grays, filmed.take.settings.fps)
-        hidden.replace(path)
-    finally:
-        hidden.unlink(missing_ok=True)
+    with replaced(path) as hidden, hidden.open("wb") as stream:
+        grays = (as_gray(frame.rgb) for frame in filmed.frames)
+        write_y4m(stream, grays, filmed.take.settings.fps)
 
 
 def film_mark(take: PageTake) -> str:
@@ -252,7 +247,6 @@ def film_file(take: PageTake, filmed: MessageFilm) -> Iterator[Path]:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "film.y4m"
         if take.kept is not None:
-            make_folder(take.kept)
             path = take.kept / f"{take.setting}_{take.number}_{film_mark(take)}.y4m"
         if not path.is_file():
             write_gray_film(filmed, path)

@@ -5,7 +5,6 @@ the display and hands its frames to the reader of its layout (`export.receive.re
 """
 
 from collections import deque
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from time import perf_counter
 
@@ -325,7 +324,7 @@ class DisplayReader:
         composed = self._waiting.pop(0)
         return composed, self._scorer.score(composed)
 
-    def _says_less(self, scores: Mapping[int, NDArray[np.float64]], last: ComposedPair) -> bool:
+    def _says_less(self, scores: dict[int, NDArray[np.float64]], last: ComposedPair) -> bool:
         """Tell whether the film says less of its frame pairs than the last one's two states do."""
         known = np.mean([information(found) for found in scores.values()])
         alone = information(self._scorer.score_states(last).scores) if known < VAGUE else 0.0

@@ -17,7 +17,6 @@ from lab.films import delivery
 from lab.films.trial import FilmSettings, Take
 from lab.study import DOCS, stored_results
 from link.errors import InputError
-from link.layout import make_layout
 from reports.engine.backends import Backend
 from reports.engine.checked import seal
 from reports.engine.stored import each_result, resume
