@@ -22,6 +22,7 @@ from lab.films.y4m import read_y4m, write_y4m
 from lab.study import Workshop
 from link.code.framing import encode
 from link.errors import InputError
+from link.images import write_bytes
 from reports.engine.backends import Backend
 
 
@@ -124,7 +125,9 @@ def test_a_film_that_is_kept_is_filmed_once(tmp_path, monkeypatch) -> None:
     written_to = []
     monkeypatch.setattr(page, "code_digest", lambda *modules: "")
     monkeypatch.setattr(
-        page, "write_gray_film", lambda _, path: (written_to.append(path), path.write_text("film"))
+        page,
+        "write_gray_film",
+        lambda _, path: (written_to.append(path), write_bytes(path, b"film")),
     )
     for kept in (None, tmp_path / "kept"):
         take = PageTake("node", "paper", 0, 0, Path(), kept)
