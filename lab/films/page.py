@@ -71,7 +71,7 @@ VIEWS = (0.0, 45.0)
 FILM_S = {"node": 6.3, "chromium": 36.0}
 """Length of a film, seconds, by the way in which the page reads it."""
 CAMERA_S = 30.0
-"""Time, in seconds, that a receiver has before the camera until a film is given up."""
+"""Time, in seconds, that the page has before the camera until a film is given up."""
 STAYED_S = 6.0
 """Least time, in seconds, for which the first visit lasts, so that the browser keeps what it has
 compiled."""

@@ -863,31 +863,19 @@ static float product(const float *one, const float *other, int count) {
   return sum;
 }
 
-// Level of an image between its pixels, and 0 beyond its border.
-static double between(const Mat &image, double x, double y) {
-  const int left = cvFloor(x), top = cvFloor(y);
-  const auto pixel = [&](int col, int row) {
-    const bool inside = col >= 0 && row >= 0 && col < image.cols && row < image.rows;
-    return inside ? double(image.at<float>(row, col)) : 0.0;
-  };
-  const double above = pixel(left, top) + (pixel(left + 1, top) - pixel(left, top)) * (x - left);
-  const double below =
-      pixel(left, top + 1) + (pixel(left + 1, top + 1) - pixel(left, top + 1)) * (x - left);
-  return above + (below - above) * (y - top);
-}
-
 // Draws patches, a row of tiles for each, in all turns and shapes, and keeps them as a bank, whose
 // number it returns. Sides of a tile, of the patch in a window and of the window are in pixels.
 PAGE int keepBank(const Plane &patches, const Plane &shapes, int turns, int tiles, int tile,
                   double blur, double seen, int side, const Plane &directions) {
   const int each = turns * shapes.width / 3, half = side / 2, size = tiles * tile;
-  Bank bank{Mat(patches.height * each, side * side, CV_32F), directions.mat().clone()};
+  const int area = side * side;
+  Bank bank{Mat(patches.height * each, area, CV_32F), directions.mat().clone()};
+  std::vector<float> across(area), down(area);
   for (int row = 0, drawn = 0; row < patches.height; row++) {
-    Mat fine = patches.mat().row(row).reshape(1, tiles).clone();
-    fine -= mean(fine)[0];
-    resize(fine, fine, Size(size, size), 0, 0, INTER_NEAREST);
-    const int length = cvRound(blur * 4 * 2 + 1) | 1;
-    GaussianBlur(fine, fine, Size(length, length), blur, blur, BORDER_REPLICATE);
+    Mat fine;
+    resize(patches.mat().row(row).reshape(1, tiles), fine, Size(size, size), 0, 0, INTER_NEAREST);
+    const Plane drawing{fine.data, CV_32F, size, size};
+    blurred(drawing, blur, BORDER_REPLICATE, drawing);
     fine -= mean(fine)[0];
     for (int turn = 0; turn < turns; turn++) {
       const double cosine = std::cos(2 * CV_PI * turn / turns);
@@ -895,13 +883,16 @@ PAGE int keepBank(const Plane &patches, const Plane &shapes, int turns, int tile
       for (int shape = 0; shape < shapes.width; shape += 3) {
         const double *stretched = shapes.numbers() + shape;
         Mat level = bank.templates.row(drawn++);
-        for (int at = 0; at < side * side; at++) {
+        for (int at = 0; at < area; at++) {
           const int x = at % side - half, y = at / side - half;
-          const double across = cosine * x + sine * y, down = cosine * y - sine * x;
-          const double u = (across - stretched[2] * down) / (seen * stretched[0]);
-          const double v = (down - stretched[2] * across) / (seen * stretched[1]);
-          level.at<float>(at) = between(fine, (u + 0.5) * size - 0.5, (v + 0.5) * size - 0.5);
+          const double turnedX = cosine * x + sine * y, turnedY = cosine * y - sine * x;
+          const double u = (turnedX - stretched[2] * turnedY) / (seen * stretched[0]);
+          const double v = (turnedY - stretched[2] * turnedX) / (seen * stretched[1]);
+          across[at] = (u + 0.5) * size - 0.5;
+          down[at] = (v + 0.5) * size - 0.5;
         }
+        between(drawing, {across.data(), CV_32F, area, 1}, {down.data(), CV_32F, area, 1},
+                INTER_LINEAR, BORDER_CONSTANT, {level.data, CV_32F, area, 1});
         level -= mean(level)[0];
         level /= norm(level);
       }

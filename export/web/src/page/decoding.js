@@ -22,15 +22,14 @@ let film = null;
 
 /** What the worker does for another one. @typedef {typeof functions} Decoding */
 const functions = {
-  /** Load onnxruntime with the film decoder, and the other graphs' files. */
+  /** Load onnxruntime with the film decoder; the other graphs' files are loaded with them. */
   prepare: () =>
     inTurn(async () => {
       ort.env.wasm.wasmPaths = { mjs: addressOf("ort.js"), wasm: addressOf("ort.wasm") };
       film = new FilmGraph(new Uint8Array(await (await load("models/film.onnx")).arrayBuffer()));
       await film.warm();
       for (const { model, layout } of await (await load("presets.json")).json()) {
-        const graph = new Uint8Array(await (await load(model)).arrayBuffer());
-        decoders.push(new Decoder(new Layout(layout), graph));
+        decoders.push(new Decoder(new Layout(layout), addressOf(model)));
       }
     }),
 

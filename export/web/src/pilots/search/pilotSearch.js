@@ -159,9 +159,11 @@ export class PilotSearch {
     }
     this.#spent += work === Infinity ? 1 : Math.min(work, most) / share;
     const patience = PATIENCE_S * 2 ** Math.min(Math.floor(this.#failed / 2), MOST_DOUBLED);
-    if (!this.#isLive) return this.#spent > patience * this.fps ? this.#fail() : null;
-    const searched = time - watch.frames[watch.frames.length - 1].time; // and nothing watched
-    return searched > patience && !this.#isSettling ? this.#fail() : null;
+    // a camera that does not wait has gone on since the last frame that was watched
+    const isOver = this.#isLive
+      ? !this.#isSettling && time - watch.frames[watch.frames.length - 1].time > patience
+      : this.#spent > patience * this.fps;
+    return isOver ? this.#fail() : null;
   }
 
   /** Choose how the next search begins after one in vain. */
