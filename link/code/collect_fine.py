@@ -24,6 +24,7 @@ from link.code.fine import (
     number_likelihoods,
     read_terms,
 )
+from link.code.likely_terms import likely_terms
 from link.code.message import Content, Message
 from link.code.scores import agreement_of, cut_scores, information_of
 from link.code.steps import Steps
@@ -169,7 +170,9 @@ class FineCollector:
     def _follow(self, likelihoods: Floats, count: int) -> int | None:
         """Weigh the numbers that the next frame may have; returns it once it is sure."""
         belief = likelihoods.astype(np.float64)
-        if self._belief is not None:
+        if self._belief is None:  # half of all loops have the usual length
+            belief[:USUAL_FRAMES] += np.log(1 + NUMBERS / USUAL_FRAMES)
+        else:
             moved = self._moved_on(self._belief, count - self._count)
             belief += np.logaddexp(moved + np.log(1 - JUMP), np.log(JUMP / NUMBERS))
         self._count = count
@@ -238,6 +241,7 @@ class FineCollector:
         self._heard[frame.pieces] = True
         if self._heard.all():
             self._terms = read_terms(self._evidence.argmax(axis=1), self.n_bits)
+        self._terms = self._terms or likely_terms(self._evidence, self.n_bits)
 
     def _put(self, frame: ReadFrame, terms: Terms) -> None:
         """Add a frame to the loop, and note whether decoding is due."""

@@ -94,19 +94,21 @@ class Terms:
         The mark also scrambles what follows it, so that all numbers change with the message.
         """
         told = (self.mark << 20 | self.n_bytes - 1) << NUMBER_BITS | self.frames - 1
-        value = told << 16 | _check(told)
+        value = told << 16 | check_of(told)
         numbers = [value >> NUMBER_BITS * turn & NUMBERS - 1 for turn in reversed(range(PIECES))]
-        return np.array(numbers) ^ _mask(self.mark)
+        return np.asarray(masks_of(np.array([self.mark]))[0] ^ numbers, np.int64)
 
 
-def _check(told: int) -> int:
+def check_of(told: int) -> int:
+    """Work out the 16 bits that check mark, length and number of frames, which are 56 bits."""
     return zlib.crc32(told.to_bytes(7, "big")) & 0xFFFF
 
 
-def _mask(mark: int) -> NDArray[np.int64]:
-    mask = (scrambled(np.arange(PIECES), mark) % np.uint64(NUMBERS)).astype(np.int64)
-    mask[:2] = 0  # the mark itself
-    return mask
+def masks_of(marks: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Make the numbers, (N, PIECES) below 4096, by which (N,) marks scramble their pieces."""
+    masks = scrambled(np.arange(PIECES), marks[:, None]) % np.uint64(NUMBERS)
+    masks[:, :2] = 0  # the mark itself
+    return np.asarray(masks, np.int64)
 
 
 def read_terms(pieces: NDArray[np.integer], n_bits: int) -> Terms | None:
@@ -121,10 +123,10 @@ def read_terms(pieces: NDArray[np.integer], n_bits: int) -> Terms | None:
     """
     mark = int(pieces[0]) << NUMBER_BITS | int(pieces[1])
     value = 0
-    for piece in pieces ^ _mask(mark):
+    for piece in pieces ^ masks_of(np.array([mark]))[0]:
         value = value << NUMBER_BITS | int(piece)
     told = value >> 16
-    if _check(told) != value & 0xFFFF:
+    if check_of(told) != value & 0xFFFF:
         return None
     n_bytes, frames = (told >> NUMBER_BITS & MAX_MESSAGE - 1) + 1, (told & MAX_FRAMES - 1) + 1
     terms = Terms(n_bytes, frames, mark)

@@ -13,17 +13,18 @@ _GOLDEN = 0x9E3779B97F4A7C15
 _FACTORS = (0xBF58476D1CE4E5B9, 0x94D049BB133111EB)
 
 
-def scrambled(numbers: NDArray[np.integer], seed: int) -> NDArray[np.uint64]:
+def scrambled(numbers: NDArray[np.integer], seed: int | NDArray[np.integer]) -> NDArray[np.uint64]:
     """Turn whole numbers into pseudo-random words.
 
     Args:
         numbers: (N,) whole numbers.
-        seed: chooses one of many sequences.
+        seed: chooses one of many sequences; or (S, 1) of them.
 
     Returns:
-        (N,) uint64.
+        (N,) uint64, or (S, N).
     """
-    return _mixed(numbers.astype(np.uint64) + np.uint64((seed + 1) * _GOLDEN % 2**64))
+    start = (np.atleast_1d(seed).astype(np.uint64) + np.uint64(1)) * np.uint64(_GOLDEN)
+    return _mixed(numbers.astype(np.uint64) + start)
 
 
 def splitmix64(first: int, count: int) -> NDArray[np.uint64]:

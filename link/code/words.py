@@ -52,7 +52,11 @@ def weigh_words(scores: NDArray[np.floating]) -> NDArray[np.float32]:
     >>> int(likelihoods.argmax()), bool(likelihoods[0, 77] > 8), bool(likelihoods[0, 78] < 0)
     (77, True, True)
     """
-    weight = np.asarray(scores, np.float32) @ _signs().T
-    most = weight.max(axis=1, keepdims=True)
-    chance = most + np.log(np.exp(weight - most).mean(axis=1, keepdims=True))
-    return np.asarray(weight - chance, np.float32)
+    return over_chance(np.asarray(scores, np.float32) @ _signs().T)
+
+
+def over_chance(likelihoods: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Take the logarithm of the mean likelihood of all numbers off (words, 4096) logarithms."""
+    most = likelihoods.max(axis=1, keepdims=True)
+    chance = most + np.log(np.exp(likelihoods - most).mean(axis=1, keepdims=True))
+    return np.asarray(likelihoods - chance, np.float32)

@@ -20,6 +20,7 @@ import {
   numberLikelihoods,
   readTerms,
 } from "./fine.js";
+import { likelyTerms } from "./likelyTerms.js";
 import { Message } from "./message.js";
 import { agreementOf, cutScores, informationOf, remainder } from "./scores.js";
 import { NUMBERS, largestAt, logSumExp } from "./words.js";
@@ -186,6 +187,9 @@ export class FineCollector {
       for (let number = 0; number < NUMBERS; number++) {
         belief[number] += Math.log(moved[number] * (1 - JUMP) + JUMP / NUMBERS);
       }
+    } else {
+      const usual = Math.log(1 + NUMBERS / USUAL_FRAMES);
+      for (let number = 0; number < USUAL_FRAMES; number++) belief[number] += usual;
     }
     this.#count = count;
     const sum = logSumExp(belief);
@@ -280,6 +284,7 @@ export class FineCollector {
     if (this.#heard.every(Boolean)) {
       this.#terms = readTerms(this.#evidence.map(largestAt), this.nBits);
     }
+    this.#terms ??= likelyTerms(this.#evidence, this.nBits);
   }
 
   /**

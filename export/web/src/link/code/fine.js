@@ -67,10 +67,9 @@ export class Terms {
    * The mark also scrambles what follows it, so that all numbers change with the message.
    */
   pieces() {
-    const { mark } = this;
+    const { mark, check } = this;
     const length = this.nBytes - 1;
     const last = this.frames - 1;
-    const check = this.#check();
     const mask = maskOf(mark);
     return [
       mark >>> 12,
@@ -83,7 +82,7 @@ export class Terms {
   }
 
   /** The 16 bits that check the terms. */
-  #check() {
+  get check() {
     const told = new DataView(new ArrayBuffer(8)); // the first of its bytes is left out
     told.setUint32(0, this.mark);
     told.setUint32(4, ((this.nBytes - 1) << 12) | (this.frames - 1));
@@ -101,10 +100,15 @@ export class Terms {
   }
 }
 
-/** Makes the numbers that scramble the pieces; the first two are the mark itself. */
-const maskOf = remembered((/** @type {number} */ mark) =>
-  Array.from(scrambled(range(PIECES), mark).low, (word, at) => (at < 2 ? 0 : word % NUMBERS)),
-);
+/**
+ * Make the numbers that scramble the pieces; the first two are the mark itself.
+ *
+ * @param {number} mark
+ */
+export function maskOf(mark) {
+  const { low } = scrambled(range(PIECES), mark);
+  return Array.from(low, (word, at) => (at < 2 ? 0 : word % NUMBERS));
+}
 
 /**
  * Read the terms from numbers that may be wrong.
