@@ -40,26 +40,15 @@ UNTRAINED = Method("phi", (("config", FULL),), "learned, untrained")
 """The learned decoder with the constants from which its training starts."""
 
 
-THREE = "--pairs canon-lg nikon-imac sony-samsung"
-"""Flags of the deliveries that are measured with three camera-display pairs."""
 STEPS = {
     "table": "",
     "visibility": "lab visibility --keep",
     "ablation": "lab ablation --keep",
     "paper": "lab ablation --conditions paper --rows oorc full --frames 170 --label paper --keep",
-    "delivery": "lab delivery --runs 6 --keep",
+    "film": "lab film --states 60 --keep",
 }
 """Commands by the name of their step, as they follow ``python -m``, in the order in which they are
 run; empty for `measure_table`."""
-STEPS |= {
-    f"delivery_{name}": f"lab delivery --runs 4 {THREE} {flags} --keep"
-    for name, flags in {
-        "10": "--state-hz 10",
-        "30": "--state-hz 30 --fps 60",
-        "30_30": "--state-hz 30 --fps 30",
-    }.items()
-}
-STEPS |= {"film": "lab film --states 60 --keep"}
 STEPS |= {
     f"rates_{name}": f"lab rates {flags} --keep"
     for name, flags in {

@@ -9,7 +9,6 @@ chosen. The receiver gets the frames and their times alone.
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import pandas as pd
@@ -18,6 +17,7 @@ from data_gen.film.codec import through_codec
 from data_gen.pairs import PAIRS, pair_names
 from export.film_graph import FilmGraph
 from export.runtime import OWN_TIME_LIMIT_S, Decoder
+from export.send.hiding import Hiding, Onlooker
 from lab.films.trial import (
     Delivery,
     FilmReading,
@@ -29,11 +29,14 @@ from lab.films.trial import (
 )
 from lab.study import Results, Study, StudyFlags, Workshop
 from link.errors import at_least
+from link.presets import PRESETS
 from models import FILM_GRAPH
 from reports.engine.backends import one_thread
-from reports.engine.checked import Count, Share
-from reports.render.tables import Table, percent, share_interval
+from reports.render.tables import Table, number, percent, share_interval
 from reports.score.intervals import wilson
+
+FILM_FLAGS = ("preset", "kappa", "state_hz", "fps", "n_bytes")
+"""Names of the settings that a row of the table tells."""
 
 
 @dataclass(frozen=True)
@@ -56,39 +59,11 @@ class DeliveryFlags(FilmSettings, StudyFlags):
 
 
 @dataclass(frozen=True)
-class DeliverySummary:
-    """What became of the messages of one view, or of all."""
-
-    view: str
-    """Angle of observation in words, or "all"."""
-    runs: Count
-    """Number of runs."""
-    delivered: Count
-    """Number of runs in which the message came."""
-    ci_low: Share
-    """Lower end of Wilson's 95 % interval of the share that was delivered."""
-    ci_high: Share
-    """Upper end of this interval."""
-    wrong_messages: Count
-    """Number of runs in which a message came that was not sent."""
-    seconds_median: float | None
-    """Median of the seconds of film until the message; None where none came."""
-    seconds_95: float | None
-    """95 % quantile of these seconds."""
-    bits_wrong: Share
-    """Share of the decided bits that are wrong."""
-    goodput_bit_s: float
-    """Bits of delivered messages in a second of film."""
-
-
-@dataclass(frozen=True)
 class DeliveryContent:
     """What was measured under one setting."""
 
     camera: str
     """What differs from a plain camera with lossless frames, in one word; empty for nothing."""
-    summary: list[DeliverySummary]
-    """A row for each view, and one for all."""
     runs: list[Delivery]
     """Every run."""
 
@@ -129,76 +104,73 @@ def deliveries(
     ]
     graphs = [takes[0].model, FILM_GRAPH]
     found = workshop.each(deliver, {take.name: take for take in takes}, graphs)
-    made = [Delivery.from_stored(run) for run in found.values()]
+    made = [Delivery(**run) for run in found.values()]
     return sorted(made, key=lambda run: (run.pair, run.view_deg, run.run))
 
 
-def summarise_deliveries(runs: Sequence[Delivery], settings: FilmSettings) -> list[DeliverySummary]:
-    """Pool the runs of each view, and all of them."""
-    table = pd.DataFrame([asdict(delivery) for delivery in runs])
-    views = sorted({delivery.view_deg for delivery in runs})
-    groups = {f"{view:g}°": table[table["view_deg"] == view] for view in views} | {"all": table}
-    rows = []
-    for name, group in groups.items():
-        came, filmed = group[group["delivered"]], float(group["seconds"].sum())
-        low, high = wilson(len(came), len(group))
-        rows.append(
-            DeliverySummary(
-                view=name,
-                runs=len(group),
-                delivered=len(came),
-                ci_low=low,
-                ci_high=high,
-                wrong_messages=int(group["wrong"].sum()),
-                seconds_median=float(came["seconds"].median()) if len(came) else None,
-                seconds_95=float(came["seconds"].quantile(0.95)) if len(came) else None,
-                bits_wrong=int(group["bits_wrong"].sum()) / max(1, int(group["bits"].sum())),
-                goodput_bit_s=8 * settings.n_bytes * len(came) / max(filmed, 1 / settings.fps),
-            )
-        )
-    return rows
+ROW_HEADS = (
+    "setting", "grid", "κ", "states/s", "camera fps", "bytes", "view", "delivered",
+    "95 % interval", "wrong messages", "goodput, kbit/s, median", "least", "seconds, median",
+    "bits wrong %", "contrast over threshold",
+)  # fmt: skip
+"""Heads of the columns of `deliveries_row`."""
+
+
+def deliveries_row(
+    name: str, film: FilmSettings, view: float, runs: Sequence[Delivery]
+) -> list[str]:
+    """Write what became of one setting's messages.
+
+    Args:
+        name: of the setting.
+        film: what was shown, and how it was filmed.
+        view: angle between the camera and the normal of the display, degrees.
+        runs: every run from this angle.
+    """
+    table = pd.DataFrame([vars(run) for run in runs])
+    came = table[table["delivered"]]
+    rate = 8e-3 * film.n_bytes / came["seconds"]
+    return [
+        name,
+        f"{film.layout.rows} × {film.layout.cols}",
+        str(film.kappa),
+        f"{film.state_hz:g}",
+        f"{film.fps:g}",
+        f"{film.n_bytes:,}",
+        f"{view:g}°",
+        f"{len(came)} of {len(runs)}",
+        f"{share_interval(*wilson(len(came), len(runs)), 0)} %",
+        str(int(table["wrong"].sum())),
+        _rate(rate.median()) if len(came) else "–",
+        _rate(rate.min()) if len(came) else "–",
+        number(came["seconds"].median(), 2),
+        percent(table["bits_wrong"].sum() / max(1, table["bits"].sum())),
+        f"{contrast_of(film.preset, film.state_hz, film.kappa):.3g}",
+    ]
+
+
+def _rate(kbit_s: float) -> str:
+    """Write a rate with two digits or more."""
+    return f"{kbit_s:.0f}" if kbit_s >= 10 else f"{kbit_s:.1f}"
+
+
+def contrast_of(preset: str, state_hz: float, kappa: int) -> float:
+    """Contrast over threshold of one block, as `export.send` prints it for a preset."""
+    chosen = PRESETS[preset]
+    return Hiding(chosen.layout, state_hz, Onlooker(distance=chosen.distance_m)).seen(kappa)
 
 
 def delivery_blocks(results: Mapping[str, Results[DeliveryContent]]) -> dict[str, str]:
-    """Tabulate the settings of a plain camera."""
-    return {"receiver": delivery_table(results).markdown()}
-
-
-def delivery_table(results: Mapping[str, Results[DeliveryContent]]) -> Table:
-    """Show one row for each setting of the preset paper before a plain camera."""
-    heads = (
-        "states/s", "camera fps", "pairs", "runs", "delivered in 3 loops", "95 % interval",
-        "wrong messages", "bits wrong %", "seconds, median (95 %)",
-        "goodput, bit/s",
-    )  # fmt: skip
+    """Tabulate all settings and views."""
     rows = []
     for stored in results.values():
-        row, setup = stored.content.summary[-1], stored.meta["flags"]
-        if stored.content.camera or setup["preset"] != "paper":
-            continue  # the page shows plain cameras alone
-        seconds = "–"
-        if row.seconds_median is not None:
-            seconds = f"{row.seconds_median:.1f} ({row.seconds_95:.1f})"
-        rows.append(
-            [
-                f"{setup['state_hz']:g}",
-                f"{setup['fps']:g}",
-                str(len(setup["pairs"])),
-                str(row.runs),
-                str(row.delivered),
-                f"{share_interval(row.ci_low, row.ci_high, 1)} %",
-                str(row.wrong_messages),
-                percent(row.bits_wrong),
-                seconds,
-                f"{row.goodput_bit_s:.0f}",
-            ]
-        )
-    title = (
-        "Simulated hand-held video of `paper` at 1280 × 720, 0° and 45°, a 100-byte message; "
-        "picture, room, pose, clocks (±1 %) and start in the loop drawn anew in each run "
-        "(`python -m lab delivery`):"
-    )
-    return Table(heads, rows, title)
+        flags, content = stored.meta["flags"], stored.content
+        film = FilmSettings(**{name: flags[name] for name in FILM_FLAGS})
+        for view in flags["views"]:
+            runs = [run for run in content.runs if run.view_deg == view]
+            name = " ".join([film.preset, content.camera]).rstrip()
+            rows.append(deliveries_row(name, film, view, runs))
+    return {"delivery": Table(ROW_HEADS, rows, "Simulated hand-held video:").markdown()}
 
 
 def check_delivery(flags: DeliveryFlags) -> None:
@@ -211,7 +183,7 @@ def check_delivery(flags: DeliveryFlags) -> None:
 def measure_delivery(flags: DeliveryFlags, workshop: Workshop) -> DeliveryContent:
     """Film, receive and pool."""
     runs = deliveries(flags.film, flags.pairs, flags.views, flags.runs, flags.seed, workshop)
-    return DeliveryContent(flags.film.camera, summarise_deliveries(runs, flags.film), runs)
+    return DeliveryContent(flags.film.camera, runs)
 
 
 STUDY = Study(
@@ -220,7 +192,6 @@ STUDY = Study(
     content=DeliveryContent,
     measure=measure_delivery,
     blocks=delivery_blocks,
-    page=Path("docs/receiver.md"),
     check=check_delivery,
     label=lambda flags: flags.film.name(flags.seed),
 )

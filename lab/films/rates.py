@@ -9,17 +9,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import pandas as pd
-
 from data_gen.pairs import PAIRS
-from export.send.hiding import Hiding, Onlooker
-from lab.films.delivery import deliveries
+from lab.films.delivery import ROW_HEADS, deliveries, deliveries_row
 from lab.films.trial import Delivery, FilmSettings, check_filmed, check_settings
 from lab.study import Results, Study, StudyFlags, Workshop
 from link.errors import at_least, choose, each_once
-from link.presets import PRESETS
-from reports.render.tables import Table, number, percent, share_interval
-from reports.score.intervals import wilson
+from reports.render.tables import Table
 
 FAST = FilmSettings(preset="fast", state_hz=30, fps=60, n_bytes=20_000)
 """The setting "fast", a camera of 60 frames a second before the preset `fast`."""
@@ -92,59 +87,21 @@ class RatesContent:
     """One entry for each setting and view."""
 
 
-def contrast_of(preset: str, state_hz: float, kappa: int) -> float:
-    """Contrast over threshold of one block, as `export.send` prints it for a preset."""
-    chosen = PRESETS[preset]
-    return Hiding(chosen.layout, state_hz, Onlooker(distance=chosen.distance_m)).seen(kappa)
-
-
 def rates_blocks(results: Mapping[str, Results[RatesContent]]) -> dict[str, str]:
     """Tabulate all series, in the order of `SETTINGS`, of the messages' lengths and the views."""
-    heads = (
-        "setting", "grid", "κ", "states/s", "camera fps", "bytes", "view", "delivered",
-        "95 % interval", "wrong messages", "goodput, kbit/s, median", "least", "seconds, median",
-        "bits wrong %", "contrast over threshold",
-    )  # fmt: skip
     order = list(SETTINGS)
     found = [series for stored in results.values() for series in stored.content.series]
     found.sort(key=lambda each: (order.index(each.setting), each.n_bytes, each.view))
     rows = []
     for series in found:
-        film = SETTINGS[series.setting]
-        layout = PRESETS[film.preset].layout
-        runs = pd.DataFrame([vars(run) for run in series.runs])
-        came = runs[runs["delivered"]]
-        rate = 8e-3 * series.n_bytes / came["seconds"]
-        rows.append(
-            [
-                series.setting,
-                f"{layout.rows} × {layout.cols}",
-                str(film.kappa),
-                f"{film.state_hz:g}",
-                f"{film.fps:g}",
-                f"{series.n_bytes:,}",
-                f"{series.view:g}°",
-                f"{len(came)} of {len(runs)}",
-                f"{share_interval(*wilson(len(came), len(runs)), 0)} %",
-                str(int(runs["wrong"].sum())),
-                _rate(rate.median()) if len(came) else "–",
-                _rate(rate.min()) if len(came) else "–",
-                number(came["seconds"].median(), 1),
-                percent(runs["bits_wrong"].sum() / max(1, runs["bits"].sum())),
-                f"{contrast_of(film.preset, film.state_hz, film.kappa):.3g}",
-            ]
-        )
+        film = replace(SETTINGS[series.setting], n_bytes=series.n_bytes)
+        rows.append(deliveries_row(series.setting, film, series.view, series.runs))
     title = (
         "Simulated hand-held video at 1280 × 720; picture, room, pose, clocks (±1 %) and start in "
         "the loop drawn anew in each run, which ends after three loops, or ten of `hidden` "
         "(`python -m lab rates`):"
     )
-    return {"rates": Table(heads, rows, title).markdown()}
-
-
-def _rate(kbit_s: float) -> str:
-    """Write a rate with two digits or more."""
-    return f"{kbit_s:.0f}" if kbit_s >= 10 else f"{kbit_s:.1f}"
+    return {"rates": Table(ROW_HEADS, rows, title).markdown()}
 
 
 def check_rates(flags: RatesFlags) -> None:

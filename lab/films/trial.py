@@ -9,7 +9,6 @@ import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +33,6 @@ from link.layout import Layout
 from link.loop import Loop, LoopStates
 from link.presets import PRESETS
 from models import shipped_graphs
-from reports.score.reliability import Bin, confidence_bins, merge_bins
 
 MAX_LOOPS = 100.0
 """Largest number of loops of the message after which a run may be given up."""
@@ -177,13 +175,6 @@ class Delivery:
     """Number of bits that were decided on the way."""
     bits_wrong: int
     """Number of these that are wrong, each frame pair held against the one that it fits best."""
-    bins: list[Bin] = field(default_factory=list)
-    """Bits that were decided and not erased, sorted by how sure the receiver was of them."""
-
-    @classmethod
-    def from_stored(cls, fields: dict[str, Any]) -> "Delivery":
-        """Make an object again of the fields that JSON holds."""
-        return cls(**{**fields, "bins": [Bin(**each) for each in fields["bins"]]})
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,7 +246,6 @@ class FilmReading:
         self._receiver = Receiver(decoder, filmed.take.settings.fps, film)
         self._received: bytes | None = None
         self._wrong = self._decided = self._frames = 0
-        self._bins: list[Bin] = []
         self._time = 0.0
 
     @property
@@ -274,9 +264,6 @@ class FilmReading:
             shown = nearest_frame(scores, self._filmed.bits)
             self._wrong += int(((scores > 0) != shown).sum())
             self._decided += len(shown)
-            seen = np.flatnonzero(scores)
-            if seen.size:
-                self._bins = merge_bins([self._bins, confidence_bins(scores[seen], shown[seen])])
         if step.message is not None:
             self._received = step.message.data
 
@@ -301,7 +288,6 @@ class FilmReading:
             frames=self._frames,
             bits=self._decided,
             bits_wrong=self._wrong,
-            bins=self._bins,
         )
 
 

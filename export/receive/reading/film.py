@@ -28,7 +28,8 @@ LEAST_FRAMES = 8
 FINE_BLOCKS = 8000
 """Number of blocks from which a grid counts as fine."""
 STRIDE_S = 0.13
-"""Seconds of film from one window to the next."""
+"""Seconds of film from one window to the next, or for which the frame pairs of a window were shown
+at least: on slow displays each frame pair is scored as soon as it is over."""
 MISSED, FRESH_FRAMES = 1.5, 12
 """Number of nominal frames for each new one from which on frames were missed since the last window,
 and number of new frames that the next one then waits for: while windows are scored, a camera that
@@ -88,18 +89,19 @@ class FilmDesk:
             seen = (shares > 1 - 1e-6).astype(np.float32)
         self._frames.append(FilmFrame(frame.time, shrunk_gray(frame.rectified)[None], seen))
 
-    def due(self, fps: float) -> bool:
+    def due(self, fps: float, waiting_s: float) -> bool:
         """Return whether it is time for the next window.
 
         Args:
             fps: nominal number of frames of the camera in a second.
+            waiting_s: time, in seconds, for which the frame pairs that wait were displayed.
         """
         if len(self._frames) < LEAST_FRAMES:
             return False
         since = self._frames[-1].time - self._scored_at
         fresh = sum(frame.time > self._scored_at for frame in self._frames)
         missed = np.isfinite(since) and since * fps > MISSED * fresh
-        return since >= STRIDE_S and (fresh >= FRESH_FRAMES or not missed)
+        return max(since, waiting_s) >= STRIDE_S and (fresh >= FRESH_FRAMES or not missed)
 
     def score(self, clock: DisplayClock, numbers: Sequence[int]) -> dict[int, Array]:
         """Score frame pairs by the window that ends with the last of them that fits into it.

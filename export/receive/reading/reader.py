@@ -305,7 +305,8 @@ class DisplayReader:
         if not self._waiting:
             return None
         if self._desk is not None and not self._by_pairs:
-            if not (over or self._desk.due(self._fps)):
+            waiting_s = 2 * clock.period * len(self._waiting)
+            if not (over or self._desk.due(self._fps, waiting_s)):
                 return None
             start = perf_counter()
             scores = self._desk.score(clock, [composed.number for composed in self._waiting])

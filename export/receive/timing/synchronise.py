@@ -12,12 +12,12 @@ from export.receive.timing.toggles import Toggles
 from link.pilot_code import PLAIN, PilotCode
 from link.types import Array
 
-MIN_WINDOW_S, WINDOW_S = 0.5, 4.0
+MIN_WINDOW_S, WINDOW_S = 0.3, 4.0
 """Seconds of toggles that the first fit needs, and that a later fit looks back."""
 MAX_SAMPLES = 1024
 """Largest number of frames that a fit looks back: the work of a search grows with its square."""
-MIN_FRAMES = 30
-"""Number of frames that the first fit needs: some clock fits nearly every order of fewer."""
+MIN_FRAMES = 20
+"""Number of frames that the first fit needs: some clock fits one in a hundred orders of fewer."""
 CODED_WINDOW = (12, 0.1)
 """Number of frames and seconds that the first fit needs where a code tells the clock."""
 AWAY_S = 0.4

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import pytest
 
+from lab.films.delivery import contrast_of
 from lab.films.rates import (
     SETTINGS,
     FilmSeries,
     RatesContent,
     RatesFlags,
-    contrast_of,
     label_of_rates,
     rates_blocks,
 )

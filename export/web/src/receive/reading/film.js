@@ -84,14 +84,15 @@ export class FilmDesk {
    * Tell whether it is time for the next window.
    *
    * @param {number} fps - nominal number of frames of the camera in a second
+   * @param {number} waitingS - seconds for which the frame pairs that wait were displayed
    */
-  due(fps) {
+  due(fps, waitingS) {
     const frames = this.#frames;
     if (frames.length < LEAST_FRAMES) return false;
     const since = frames[frames.length - 1].time - this.#scoredAt;
     const fresh = frames.filter(({ time }) => time > this.#scoredAt).length;
     const isMissed = Number.isFinite(since) && since * fps > MISSED * fresh;
-    return since >= STRIDE_S && (fresh >= FRESH_FRAMES || !isMissed);
+    return Math.max(since, waitingS) >= STRIDE_S && (fresh >= FRESH_FRAMES || !isMissed);
   }
 
   /**

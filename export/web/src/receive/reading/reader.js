@@ -296,7 +296,8 @@ export class DisplayReader {
   async #nextScored(clock, isOver) {
     const [waiting, desk] = [this.#waiting, this.#desk];
     if (this.#scored.length === 0 && waiting.length > 0 && desk !== null && this.#byPairs === 0) {
-      if (!isOver && !desk.due(this.#fps)) return null;
+      const waitingS = 2 * clock.period * waiting.length;
+      if (!isOver && !desk.due(this.#fps, waitingS)) return null;
       const start = performance.now();
       const numbers = waiting.map(({ number }) => number);
       const scores = await desk.score(clock, numbers);
