@@ -25,7 +25,9 @@ AWAY_S = 0.4
 and where a film had begun anew meanwhile, older frames no longer fit. They are dropped once there
 are enough new ones."""
 REFIT_S, SEEK_S = 0.5, 0.25
-"""Seconds from one fit to the next while the clock is known, and while it is not."""
+"""Seconds from one fit to the next while the clock is known, and while it is not. A clock that is
+known from a short window is fitted again after half as long, because its period is not exact yet.
+"""
 CONFIRMED = 30.0
 """Smallest evidence, in units of twice the log-likelihood, that confirms a clock known before."""
 GOOD_R2 = 0.85
@@ -151,8 +153,9 @@ class Synchroniser:
         if unsure or unconfirmed > HOLD_S:
             self.clock = None
         frames, seconds = (MIN_FRAMES, MIN_WINDOW_S) if self._code == PLAIN else CODED_WINDOW
-        enough = len(self._samples) >= frames and time - self._samples[0][0] >= seconds
-        pause = SEEK_S if self.clock is None else REFIT_S
+        begun = self._samples[0][0] if self._samples else time
+        enough = len(self._samples) >= frames and time - begun >= seconds
+        pause = SEEK_S if self.clock is None else min(REFIT_S, (self._fitted_at - begun) / 2)
         if fit and enough and time >= self._fitted_at + pause:
             self._fitted_at = time
             self._update(time)

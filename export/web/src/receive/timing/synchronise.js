@@ -121,8 +121,10 @@ export class Synchroniser {
     const unsure = isOverdue && this.phaseError(time) > MAX_PHASE_ERROR;
     if (unsure || unconfirmed > HOLD_S) this.clock = null;
     const [frames, seconds] = this.code.isPlain ? [MIN_FRAMES, MIN_WINDOW_S] : CODED_WINDOW;
-    const enough = samples.length >= frames && time - samples[0].time >= seconds;
-    const pause = this.clock === null ? SEEK_S : REFIT_S;
+    const begun = samples[0]?.time ?? time;
+    const enough = samples.length >= frames && time - begun >= seconds;
+    const pause =
+      this.clock === null ? SEEK_S : Math.min(REFIT_S, (this.#fittedAt - begun) / 2);
     if (fit && enough && time >= this.#fittedAt + pause) {
       this.#fittedAt = time;
       this.#update(time);
