@@ -10,7 +10,7 @@ from tolerances import FILM_SCORE, FLOAT32_SUM
 from export.film_graph import FilmGraph
 from export.parity import synthetic_window
 from export.pilots.clock import DisplayClock
-from export.receive.reading.film import FilmDesk, shrunk_gray
+from export.receive.reading.film import MOST_PAIRS, FilmDesk, shrunk_gray
 from export.receive.reading.states import MESH, RectifiedFrame
 from link.presets import PRESETS
 from models import FILM_GRAPH
@@ -18,8 +18,11 @@ from models import FILM_GRAPH
 LAYOUT = PRESETS["robust"].layout
 
 
-def film_of(frames=40, seed=2):
-    """Frames as a tracker gives them, some partly outside the image, and their clock."""
+def film_of(frames=40, seed=2, gap_s=0.0):
+    """Frames as a tracker gives them, some partly outside the image, and their clock.
+
+    After half of them none come for ``gap_s`` seconds.
+    """
     rng = np.random.default_rng(seed)
     window, _ = synthetic_window(LAYOUT, rng, frames, noise=10.0)
     shown = []
@@ -29,14 +32,25 @@ def film_of(frames=40, seed=2):
         if number % 5 == 0:
             in_view = np.ones((MESH, MESH), bool)
             in_view[:, :3] = False
-        shown.append(RectifiedFrame(float(time), image, in_view))
+        late = gap_s if number >= frames // 2 else 0.0
+        shown.append(RectifiedFrame(float(time) + late, image, in_view))
     return shown, DisplayClock(*window.clock.tolist())
 
 
+class Counting(FilmGraph):
+    """The film decoder, which notes how many frame pairs each window held."""
+
+    def score(self, window):
+        self.counts = [*getattr(self, "counts", []), window.count]
+        return super().score(window)
+
+
 @pytest.mark.slow
-def test_windows_are_scored_as_by_python(port):
-    shown, clock = film_of()
-    desk = FilmDesk(LAYOUT, FilmGraph(FILM_GRAPH, 1), 64)
+@pytest.mark.parametrize("gap_s", [0.0, 20.0])
+def test_windows_are_scored_as_by_python(port, gap_s):
+    shown, clock = film_of(gap_s=gap_s)
+    scorer = Counting(FILM_GRAPH, 1)
+    desk = FilmDesk(LAYOUT, scorer, 64)
     graph = port("filmGraph.js").FilmGraph(FILM_GRAPH.read_bytes())
     ported = port("receive/reading/film.js").FilmDesk(LAYOUT, graph, 64)
     ported_clock = port("pilots/clock.js").DisplayClock(*astuple(clock))
@@ -60,6 +74,7 @@ def test_windows_are_scored_as_by_python(port):
             compared += 1
         waiting = waiting[len(known) :]
     assert compared >= 5
+    assert max(scorer.counts) <= MOST_PAIRS
 
 
 def test_frames_are_shrunk_as_by_python(port):

@@ -25,6 +25,9 @@ WINDOW, FINE_WINDOW = 32, 24
 """Largest number of frames in a window, and in one of a fine grid, which takes longer."""
 LEAST_FRAMES = 8
 """Smallest number of frames in a window: its mean is the reference."""
+MOST_PAIRS = 64
+"""Largest number of frame pairs over which a window reaches. Memory and time grow with it, and a
+camera that misses frames would let it grow without end."""
 FINE_BLOCKS = 8000
 """Number of blocks from which a grid counts as fine."""
 STRIDE_S = 0.13
@@ -118,8 +121,11 @@ class FilmDesk:
         spans = [_pairs_shown(clock, frame.time) for frame in frames]
         begin = next((at for at, span in enumerate(spans) if span[1] >= numbers[0]), 0)
         end = min(len(frames), max(begin + self._window, LEAST_FRAMES))
-        if end == len(frames):
-            begin = max(0, end - self._window)
+        while spans[end - 1][1] - spans[begin][0] >= MOST_PAIRS:
+            end -= 1
+        begin = max(0, end - self._window)
+        while spans[end - 1][1] - spans[begin][0] >= MOST_PAIRS:
+            begin += 1
         window, now = frames[begin:end], frames[end - 1].time
         first, last = spans[begin][0], max(span[1] for span in spans[begin:end])
         over = np.inf if end == len(frames) else clock.number(now + clock.earliest) / 2

@@ -15,7 +15,7 @@ import { MESH } from "./states.js";
 /** @typedef {import("./states.js").RectifiedFrame} RectifiedFrame */
 
 export const { WINDOW, LEAST_FRAMES, FINE_BLOCKS, STRIDE_S, VAGUE } = receiveReadingFilm;
-const { FINE_WINDOW, MISSED, FRESH_FRAMES } = receiveReadingFilm;
+const { FINE_WINDOW, MISSED, FRESH_FRAMES, MOST_PAIRS } = receiveReadingFilm;
 const { SHRINK } = filmGraph;
 
 /**
@@ -108,8 +108,11 @@ export class FilmDesk {
     const spans = frames.map(({ time }) => pairsShown(clock, time));
     const needed = spans.findIndex(([, last]) => last >= numbers[0]);
     let begin = Math.max(0, needed);
-    const end = Math.min(frames.length, Math.max(begin + this.#window, LEAST_FRAMES));
-    if (end === frames.length) begin = Math.max(0, end - this.#window);
+    let end = Math.min(frames.length, Math.max(begin + this.#window, LEAST_FRAMES));
+    const isTooWide = () => spans[end - 1][1] - spans[begin][0] >= MOST_PAIRS;
+    while (isTooWide()) end--;
+    begin = Math.max(0, end - this.#window);
+    while (isTooWide()) begin++;
     const window = frames.slice(begin, end);
     const now = frames[end - 1].time;
     const first = spans[begin][0];
