@@ -141,17 +141,12 @@ def deliveries_row(
         f"{len(came)} of {len(runs)}",
         f"{share_interval(*wilson(len(came), len(runs)), 0)} %",
         str(int(table["wrong"].sum())),
-        _rate(rate.median()) if len(came) else "–",
-        _rate(rate.min()) if len(came) else "–",
+        f"{rate.median():.3g}" if len(came) else "–",
+        f"{rate.min():.3g}" if len(came) else "–",
         number(came["seconds"].median(), 2),
         percent(table["bits_wrong"].sum() / max(1, table["bits"].sum())),
         f"{contrast_of(film.preset, film.state_hz, film.kappa):.3g}",
     ]
-
-
-def _rate(kbit_s: float) -> str:
-    """Write a rate with two digits or more."""
-    return f"{kbit_s:.0f}" if kbit_s >= 10 else f"{kbit_s:.1f}"
 
 
 def contrast_of(preset: str, state_hz: float, kappa: int) -> float:

@@ -165,12 +165,8 @@ class Delivery:
     """Whether the message came."""
     wrong: bool
     """Whether a message came that was not sent."""
-    loops: float
-    """Number of loops of the message until then, or until the run was given up."""
     seconds: float
-    """Time of the film until then, seconds."""
-    frames: int
-    """Number of frames until then."""
+    """Time of the film until then, or until the run was given up, seconds."""
     bits: int
     """Number of bits that were decided on the way."""
     bits_wrong: int
@@ -245,7 +241,7 @@ class FilmReading:
         self._filmed = filmed
         self._receiver = Receiver(decoder, filmed.take.settings.fps, film)
         self._received: bytes | None = None
-        self._wrong = self._decided = self._frames = 0
+        self._wrong = self._decided = 0
         self._time = 0.0
 
     @property
@@ -255,7 +251,7 @@ class FilmReading:
 
     def push(self, frame: VideoFrame) -> None:
         """Give the receiver the next frame and its time."""
-        self._frames, self._time = self._frames + 1, frame.time_s
+        self._time = frame.time_s
         self._note(self._receiver.push(frame.rgb, frame.time_s))
 
     def _note(self, step: ReceiverStep) -> None:
@@ -275,7 +271,7 @@ class FilmReading:
         """Say what became of the message, once the film is over or the message has come."""
         if not self.ended:
             self.finish()
-        take, bits = self._filmed.take, self._filmed.bits
+        take = self._filmed.take
         return Delivery(
             pair=take.pair,
             view_deg=take.view,
@@ -283,9 +279,7 @@ class FilmReading:
             picture=self._filmed.picture,
             delivered=self._received == self._filmed.message,
             wrong=self.ended and self._received != self._filmed.message,
-            loops=self._time * take.settings.state_hz / 2 / len(bits),
             seconds=self._time,
-            frames=self._frames,
             bits=self._decided,
             bits_wrong=self._wrong,
         )

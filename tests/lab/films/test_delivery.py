@@ -20,7 +20,7 @@ from reports.engine.backends import Backend
 from reports.engine.checked import seal
 from reports.engine.stored import each_result, resume
 
-RUN = Delivery("canon-lg", 0.0, 0, "a", True, False, 1.0, 2.0, 9, 100, 5)
+RUN = Delivery("canon-lg", 0.0, 0, "a", True, False, 2.0, 100, 5)
 
 
 # Results that are stored as they end

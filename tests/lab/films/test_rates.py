@@ -39,7 +39,7 @@ def test_hidden_is_below_the_threshold_and_paper_is_not() -> None:
 
 def test_rates_are_those_of_the_runs() -> None:
     def run(seconds: float, delivered: bool) -> Delivery:
-        return Delivery("canon-lg", 0.0, 0, "a", delivered, False, 1.0, seconds, 9, 100, 5)
+        return Delivery("canon-lg", 0.0, 0, "a", delivered, False, seconds, 100, 5)
 
     later, sooner = (
         Results({}, RatesContent([FilmSeries("fast", 20_000, view, runs)]))
