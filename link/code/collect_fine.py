@@ -151,7 +151,9 @@ class FineCollector:
         return self.go_on(work)
 
     def _take(self, scores: NDArray[np.floating], count: int) -> None:
-        """Add one frame, or let it wait."""
+        """Add one frame, or let it wait; one of which nothing was read says nothing."""
+        if not np.any(scores):
+            return
         frame = WaitingFrame(cut_scores(scores).astype(np.float32), count, None)
         self._waiting = [*self._waiting, frame][-MAX_WAITING:]
         number = self._follow(number_likelihoods(frame.scores), count)

@@ -1,5 +1,5 @@
 #!/bin/bash
-# Builds opencv.wasm from OpenCV's sources and opencv.cpp: build.sh [FOLDER]
+# Builds opencv.wasm from OpenCV's sources, opencv.cpp and code.cpp: build.sh [FOLDER]
 #
 # Needs Debian 12's packages emscripten (3.1.6), cmake and ninja-build, and pip. It takes some six
 # minutes on two cores and makes the same file each time. Sources and objects stay in FOLDER, or in
@@ -41,9 +41,9 @@ parts=(lib/libopencv_imgproc.a lib/libopencv_core.a
 ninja -C objects "${parts[@]}" >>objects.log
 cd objects
 em++ -std=c++17 $optimised $flags -I. $(printf -- "-I$library/modules/%s/include " \
-  core imgproc video calib3d features2d flann) -I"$library/include" "$here/opencv.cpp" \
+  core imgproc video calib3d features2d flann) -I"$library/include" "$here"/{opencv,code}.cpp \
   "${parts[@]:2}" "${parts[@]:0:2}" -o opencv.wasm -sSTANDALONE_WASM --no-entry \
   -sALLOW_MEMORY_GROWTH -sERROR_ON_UNDEFINED_SYMBOLS=0
 cp opencv.wasm "$here"
 cd "$here"
-sha256sum build.sh opencv.cpp opencv.wasm rounding.patch >SHA256SUMS
+sha256sum build.sh code.cpp opencv.cpp opencv.wasm plane.h rounding.patch >SHA256SUMS

@@ -6,28 +6,15 @@
 #include <opencv2/video/tracking.hpp>
 #include <wasm_simd128.h>
 
+#include "plane.h"
+
 using namespace cv;
-
-// A plane of one channel, or a list of numbers, as opencv.js writes it.
-struct Plane {
-  void *data;
-  int type, width, height;
-
-  Mat mat() const { return Mat(height, width, type, data); }
-
-  // The numbers as points, x and y in turn.
-  Mat points() const { return Mat(width * height / 2, 1, CV_MAKETYPE(type, 2), data); }
-
-  double *numbers() const { return static_cast<double *>(data); }
-};
 
 // The library looks for its settings in the environment; there is none.
 extern "C" char *getenv(const char *) { return nullptr; }
 
 // Only functions that draw change colours, and nothing here draws; so that part is left out.
 void cv::cvtColor(InputArray, OutputArray, int, int, AlgorithmHint) { abort(); }
-
-#define PAGE extern "C" __attribute__((used, visibility("default")))
 
 // Memory for the arguments of one call, in bytes; what it held before is lost.
 PAGE void *room(int bytes) {

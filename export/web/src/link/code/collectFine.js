@@ -155,13 +155,14 @@ export class FineCollector {
   }
 
   /**
-   * Add one frame, or let it wait.
+   * Add one frame, or let it wait; one of which nothing was read says nothing.
    *
    * @param {ArrayLike<number>} received
    * @param {number} count
    */
   #take(received, count) {
     const scores = cutScores(received, new Float32Array(this.nBits));
+    if (!scores.some(Boolean)) return;
     this.#waiting.push({ scores, count, read: null });
     if (this.#waiting.length > MAX_WAITING) this.#waiting.shift();
     const number = this.#follow(numberLikelihoods(scores), count);

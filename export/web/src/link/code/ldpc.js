@@ -69,11 +69,7 @@ export class Code {
     const known = llr.map((value) => -Math.min(Math.max(value || 0, -MAX_LLR), MAX_LLR));
     const even = new Float64Array(this.parity).fill(1);
     const beliefs = new Propagation(this.checks, even, known, BOUNDS);
-    for (let turn = 0; turn < ITERATIONS; turn++) {
-      beliefs.step();
-      if (beliefs.satisfies(this.checks)) return beliefs.bits(this.length);
-    }
-    return null;
+    return beliefs.run(ITERATIONS, this.checks) ? beliefs.bits(this.length) : null;
   }
 }
 

@@ -204,17 +204,17 @@ class Graph {
     const joined = new Int32Array(coded.members.length + code.precode.members.length);
     let edges = 0;
     // by degree, because loops of one length are faster
+    const { starts } = coded;
     for (const [degree] of DEGREES) {
       for (let at = 0; at < received.length; at++) {
-        const bits = coded.members.subarray(coded.starts[at], coded.starts[at + 1]);
-        if (bits.length !== degree) continue;
+        const first = starts[at];
+        if (starts[at + 1] - first !== degree) continue;
         if (degree === 1) {
-          this.single.push([received[at], bits[0]]);
+          this.single.push([received[at], coded.members[first]]);
           continue;
         }
         this.numbers.push(received[at]);
-        joined.set(bits, edges);
-        edges += degree;
+        for (let edge = first; edge < starts[at + 1]; edge++) joined[edges++] = coded.members[edge];
         ends.push(edges);
       }
     }
@@ -263,16 +263,7 @@ class Column {
    * @returns {boolean} whether the block is decoded; no round follows then
    */
   run(turns) {
-    const beliefs = this.#beliefs;
-    const missing = this.#code.intermediate;
-    const certain = beliefs.total[missing];
-    for (let turn = 0; turn < turns; turn++) {
-      beliefs.step();
-      beliefs.total[missing] = certain; // no sum tells anything of a bit that does not exist
-      const isWhole = beliefs.satisfies(this.#code.precode);
-      if (isWhole && beliefs.total.every((told) => told !== 1)) return true;
-    }
-    return false;
+    return this.#beliefs.run(turns, this.#code.precode, this.#code.intermediate);
   }
 
   /** Whether the mean certainty has grown since this was asked last. */

@@ -13,7 +13,8 @@ import { codeScrambled } from "../../generated/constants.js";
  */
 
 const [FIRST, SECOND, LAST] = codeScrambled.SHIFTS;
-const GOLDEN = 0x9e3779b97f4a7c15n;
+/** Upper and lower half of the distance between successive states. */
+const [GOLDEN_HIGH, GOLDEN_LOW] = [0x9e3779b9, 0x7f4a7c15];
 
 /**
  * List consecutive numbers.
@@ -32,13 +33,13 @@ export function range(count, first = 0) {
  * Turn whole numbers into pseudo-random words.
  *
  * @param {Uint32Array} numbers
- * @param {number} seed - chooses one of many sequences; a whole number from 0
+ * @param {number} seed - chooses one of many sequences; a whole number from 0, below 2 ** 32 - 1
  * @returns {Words}
  */
 export function scrambled(numbers, seed) {
-  const offset = BigInt.asUintN(64, (BigInt(seed) + 1n) * GOLDEN);
-  const offsetHigh = Number(offset >> 32n);
-  const offsetLow = Number(offset & 0xffffffffn);
+  const times = seed + 1;
+  const offsetHigh = upperHalf(times, GOLDEN_LOW) + Math.imul(times, GOLDEN_HIGH);
+  const offsetLow = Math.imul(times, GOLDEN_LOW) >>> 0;
   const high = new Uint32Array(numbers.length);
   const low = new Uint32Array(numbers.length);
   for (let at = 0; at < numbers.length; at++) {
