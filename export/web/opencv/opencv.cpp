@@ -843,6 +843,9 @@ struct Bank {
 
 static std::vector<Bank> banks;
 
+// Number of templates whose bounds are summed up together; the numbers of parts are a multiple of it.
+static const int together = 16;
+
 static float product(const float *one, const float *other, int count) {
 #pragma clang fp reassociate(on)
   float sum = 0;
@@ -886,6 +889,8 @@ PAGE int keepBank(const Plane &patches, const Plane &shapes, int turns, int tile
     }
   }
   bank.parts = bank.directions * bank.templates.t();
+  const int missing = -bank.parts.cols & (together - 1);
+  copyMakeBorder(bank.parts, bank.parts, 0, 0, 0, missing, BORDER_CONSTANT, 0);
   for (int t = 0; t < bank.templates.rows; t++) {
     const double along = norm(bank.parts.col(t));
     bank.rest.push_back(std::sqrt(std::max(0.0, 1 - along * along)) + 1e-3);
@@ -903,7 +908,7 @@ PAGE void bestTemplates(int number, const Plane &image, const Plane &spots, cons
   const int side = cvRound(std::sqrt(area)), patches = found.width / 4 / (spots.width / 2);
   Mat levels;
   image.mat().convertTo(levels, CV_32F);
-  std::vector<float> window(area), bound(count);
+  std::vector<float> window(area), along(bank.directions.rows), bound(bank.parts.cols);
   double *best = found.numbers();
   for (int spot = 0; spot < spots.width / 2; spot++, best += 4 * patches) {
     const Point at = static_cast<Point *>(spots.data)[spot];
@@ -919,12 +924,17 @@ PAGE void bestTemplates(int number, const Plane &image, const Plane &spots, cons
       seen -= mean(seen)[0];
       seen /= norm(seen) + 5;
       double rest = product(window.data(), window.data(), area);
-      std::fill(bound.begin(), bound.end(), 0.f);
       for (int k = 0; k < bank.directions.rows; k++) {
-        const float part = product(window.data(), bank.directions.ptr<float>(k), area);
-        const float *parts = bank.parts.ptr<float>(k);
-        rest -= part * part;
-        for (int t = 0; t < count; t++) bound[t] += part * parts[t];
+        along[k] = product(window.data(), bank.directions.ptr<float>(k), area);
+        rest -= along[k] * along[k];
+      }
+      for (int first = 0; first < bank.parts.cols; first += together) {
+        float sums[together] = {};
+        for (int k = 0; k < bank.directions.rows; k++) {
+          const float *parts = bank.parts.ptr<float>(k) + first;
+          for (int t = 0; t < together; t++) sums[t] += along[k] * parts[t];
+        }
+        std::copy_n(sums, together, bound.begin() + first);
       }
       const float left_over = std::sqrt(std::max(0.0, rest)) + 1e-3;
       for (int t = 0; t < count; t++) {

@@ -33,3 +33,20 @@ export class Copies {
     return warpedFloats(copy, multiply3(inverse(HImageFromCopy), H), width, height);
   }
 }
+
+/**
+ * Make a function of an image that keeps its results as long as the image's pixels are there.
+ *
+ * @template Result
+ * @param {(image: BytePlane) => Result} work
+ * @returns {(image: BytePlane) => Result}
+ */
+export function keptWithImage(work) {
+  /** @type {WeakMap<Uint8Array, { result: Result }>} */
+  const known = new WeakMap();
+  return (image) => {
+    const kept = known.get(image.data) ?? { result: work(image) };
+    known.set(image.data, kept);
+    return kept.result;
+  };
+}

@@ -8,6 +8,7 @@
 
 import { locateCandidates } from "../generated/constants.js";
 import { blurred } from "../image/blur.js";
+import { keptWithImage } from "../image/copies.js";
 import { resizeArea } from "../image/shrink.js";
 import { edgeLevels, sideFeatures, snapToEdges } from "./edges.js";
 import {
@@ -116,7 +117,7 @@ function* gatheringSteps(small) {
 /**
  * List quadrilaterals of straight lines that may bound a display which is partly in view.
  *
- * @param {BytePlane} image
+ * @param {BytePlane} image - it must stay as it is
  * @param {number} limit - largest number returned
  * @returns {Steps<Quad[]>} of which at least one corner lies outside the image, by at most `OUTSIDE`
  *   of its longer side; those whose sides the lines cover best come first
@@ -128,19 +129,16 @@ export function* leavingSteps(image, limit) {
 }
 
 /**
- * Shrink an image until its longer side has `WORK_PX` pixels; a smaller one keeps its size.
- *
- * @param {BytePlane} image
- * @returns {{ copy: BytePlane, scale: Point }} the copy, and pixels of the image in one of it, on
- *   both axes
+ * Shrinks an image until its longer side has `WORK_PX` pixels; a smaller one keeps its size. Gives
+ * the copy, and pixels of the image in one of it, on both axes.
  */
-export function smallCopy(image) {
+export const smallCopy = keptWithImage((image) => {
   const factor = Math.max(1, Math.max(image.height, image.width) / WORK_PX);
   const width = Math.max(1, Math.round(image.width / factor));
   const height = Math.max(1, Math.round(image.height / factor));
-  const copy = resizeArea(image, width, height);
-  return { copy, scale: [image.width / width, image.height / height] };
-}
+  const scale = /** @type {Point} */ ([image.width / width, image.height / height]);
+  return { copy: resizeArea(image, width, height), scale };
+});
 
 /**
  * Move points from the small copy to the image.

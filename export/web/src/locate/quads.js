@@ -7,6 +7,7 @@
  */
 
 import { locateQuads } from "../generated/constants.js";
+import { keptWithImage } from "../image/copies.js";
 import { call } from "../image/opencv.js";
 import { quantilesOfEvery } from "../link/order.js";
 import { longestSegments } from "./segments.js";
@@ -260,7 +261,7 @@ function mergeSegments(segments, diagonal) {
 /**
  * Make quadrilaterals of straight lines.
  *
- * @param {BytePlane} gray
+ * @param {BytePlane} gray - it must stay as it is, as its lines are kept
  * @param {number} limit - largest number returned
  * @param {number} [outside] - distance by which corners may lie outside the image, as a share of
  *   its longer side; where it is more than `SLACK`, only quadrilaterals with a corner outside are
@@ -268,27 +269,30 @@ function mergeSegments(segments, diagonal) {
  * @returns {Steps<Quad[]>} those whose sides the lines cover best first
  */
 export function* lineSteps(gray, limit, outside = SLACK) {
-  const { width, height } = gray;
-  const segments = longestSegments(gray);
+  const lines = linesOf(gray);
   yield SEGMENTS_WORK;
-  if (segments.length < 4) return [];
-  const quads = crossingLines(segments, width, height, limit, outside);
+  if (lines === null) return [];
+  const quads = crossingLines(lines, gray.width, gray.height, limit, outside);
   yield LINES_WORK;
   return quads;
 }
 
+/** Finds the lines of an image; null where it has too few segments. */
+const linesOf = keptWithImage((gray) => {
+  const segments = longestSegments(gray);
+  return segments.length < 4 ? null : mergeSegments(segments, Math.hypot(gray.width, gray.height));
+});
+
 /**
- * @param {import("./segments.js").Segment[]} segments
+ * @param {Lines} lines
  * @param {number} width
  * @param {number} height
  * @param {number} limit
  * @param {number} outside
  */
-function crossingLines(segments, width, height, limit, outside) {
-  const diagonal = Math.hypot(width, height);
-  const { point, axis, covered, half } = mergeSegments(segments, diagonal);
+function crossingLines({ point, axis, covered, half }, width, height, limit, outside) {
   const count = point.length;
-  const slack = outside * diagonal;
+  const slack = outside * Math.hypot(width, height);
   // where line j crosses line i: pixels along i, the covered length up to there, and the place
   const along = new Float64Array(count * count);
   const run = new Float64Array(count * count);
