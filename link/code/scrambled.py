@@ -5,7 +5,7 @@ or which language, they run on.
 """
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 SHIFTS = (30, 27, 31)
 """Numbers of bits by which a state is shifted in turn while it is mixed."""
