@@ -228,7 +228,6 @@ class FineCollector:
         """Learn the terms from the next frames."""
         self._terms = None
         self._evidence = np.zeros((PIECES, NUMBERS), np.float32)
-        self._heard = np.zeros(PIECES, bool)
         self._support = 0.0
 
     def _learn_terms(self, frame: ReadFrame) -> None:
@@ -240,10 +239,8 @@ class FineCollector:
             self._forget_terms()
         self._evidence[frame.pieces] *= TERMS_MEMORY
         self._evidence[frame.pieces] += frame.likelihoods
-        self._heard[frame.pieces] = True
-        if self._heard.all():
-            self._terms = read_terms(self._evidence.argmax(axis=1), self.n_bits)
-        self._terms = self._terms or likely_terms(self._evidence, self.n_bits)
+        told = read_terms(self._evidence.argmax(axis=1), self.n_bits)
+        self._terms = told or likely_terms(self._evidence, self.n_bits)
 
     def _put(self, frame: ReadFrame, terms: Terms) -> None:
         """Add a frame to the loop, and note whether decoding is due."""

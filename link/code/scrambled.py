@@ -13,7 +13,7 @@ _GOLDEN = 0x9E3779B97F4A7C15
 _FACTORS = (0xBF58476D1CE4E5B9, 0x94D049BB133111EB)
 
 
-def scrambled(numbers: NDArray[np.integer], seed: int | NDArray[np.integer]) -> NDArray[np.uint64]:
+def scrambled(numbers: NDArray[np.integer], seed: ArrayLike) -> NDArray[np.uint64]:
     """Turn whole numbers into pseudo-random words.
 
     Args:

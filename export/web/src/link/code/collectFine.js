@@ -115,8 +115,6 @@ export class FineCollector {
   #terms = null;
   /** By word of the terms the log-likelihood of each number that it may tell. */
   #evidence = noEvidence();
-  /** Whether each word of the terms was seen. */
-  #heard = new Array(PIECES).fill(false);
   /** How far the last frames contradict the terms: a log-likelihood over chance, at most 0. */
   #support = 0;
 
@@ -260,7 +258,6 @@ export class FineCollector {
   #forgetTerms() {
     this.#terms = null;
     this.#evidence = noEvidence();
-    this.#heard.fill(false);
     this.#support = 0;
   }
 
@@ -280,12 +277,10 @@ export class FineCollector {
       const evidence = this.#evidence[piece];
       const more = frame.likelihoods[shown];
       for (let at = 0; at < NUMBERS; at++) evidence[at] = TERMS_MEMORY * evidence[at] + more[at];
-      this.#heard[piece] = true;
     });
-    if (this.#heard.every(Boolean)) {
-      this.#terms = readTerms(this.#evidence.map(largestAt), this.nBits);
-    }
-    this.#terms ??= likelyTerms(this.#evidence, this.nBits);
+    this.#terms =
+      readTerms(this.#evidence.map(largestAt), this.nBits) ??
+      likelyTerms(this.#evidence, this.nBits);
   }
 
   /**
