@@ -62,10 +62,20 @@ function part(values, rank) {
  * @returns {(share: number) => number} quantile of a share in [0, 1]
  */
 export function quantilesOfEvery({ width, height, data }, step) {
-  /** @type {number[]} */
-  const levels = [];
+  const counts = new Uint32Array(256);
   for (let y = 0; y < height; y += step) {
-    for (let x = 0; x < width; x += step) levels.push(data[y * width + x]);
+    for (let x = 0; x < width; x += step) counts[data[y * width + x]]++;
   }
-  return (share) => quantile(levels, share);
+  const count = Math.ceil(height / step) * Math.ceil(width / step);
+  const ranked = (/** @type {number} */ rank) => {
+    let level = 0;
+    for (let seen = counts[0]; seen <= rank; seen += counts[level]) level++;
+    return level;
+  };
+  return (share) => {
+    const at = share * (count - 1);
+    const rank = Math.floor(at);
+    const low = ranked(rank);
+    return at === rank ? low : low + (ranked(rank + 1) - low) * (at - rank);
+  };
 }

@@ -327,6 +327,8 @@ function crossingLines({ point, axis, covered, half }, width, height, limit, out
   for (let k = 0; k < count; k++) for (let m = k + 1; m < count; m++) pairs.push([k, m]);
   // the share of line i that is covered between the lines of pair p; 0 where they make no side
   const cover = new Float64Array(count * pairs.length);
+  /** Pairs that make a side of a line. @type {number[][]} */
+  const sides = Array.from({ length: count }, () => []);
   const shortest = 0.1 * Math.sqrt(width * height);
   for (let i = 0; i < count; i++) {
     pairs.forEach(([k, m], p) => {
@@ -334,7 +336,9 @@ function crossingLines({ point, axis, covered, half }, width, height, limit, out
       if (!usable[one] || !usable[other]) return;
       const span = Math.abs(along[one] - along[other]);
       const share = Math.abs(run[one] - run[other]) / Math.max(span, 1);
-      if (span > shortest && share >= MIN_SIDE_COVER) cover[i * pairs.length + p] = share;
+      if (!(span > shortest && share >= MIN_SIDE_COVER)) return;
+      cover[i * pairs.length + p] = share;
+      sides[i].push(p);
     });
   }
   /** @type {{ quad: Quad, rank: number }[]} */
@@ -342,10 +346,10 @@ function crossingLines({ point, axis, covered, half }, width, height, limit, out
   for (let q = 0; q < pairs.length; q++) {
     const [a, b] = pairs[q];
     const [ofA, ofB] = [a * pairs.length, b * pairs.length];
-    for (let p = q + 1; p < pairs.length; p++) {
+    for (const p of sides[a]) {
       const one = cover[ofA + p];
       const two = cover[ofB + p];
-      if (one === 0 || two === 0) continue;
+      if (p <= q || two === 0) continue;
       const [c, d] = pairs[p];
       const three = cover[c * pairs.length + q];
       const four = cover[d * pairs.length + q];
