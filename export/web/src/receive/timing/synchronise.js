@@ -123,8 +123,7 @@ export class Synchroniser {
     const [frames, seconds] = this.code.isPlain ? [MIN_FRAMES, MIN_WINDOW_S] : CODED_WINDOW;
     const begun = samples[0]?.time ?? time;
     const enough = samples.length >= frames && time - begun >= seconds;
-    const pause =
-      this.clock === null ? SEEK_S : Math.min(REFIT_S, (this.#fittedAt - begun) / 2);
+    const pause = this.clock === null ? SEEK_S : Math.min(REFIT_S, (this.#fittedAt - begun) / 2);
     if (fit && enough && time >= this.#fittedAt + pause) {
       this.#fittedAt = time;
       this.#update(time);
