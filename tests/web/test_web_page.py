@@ -147,7 +147,7 @@ addEventListener("DOMContentLoaded", () => {
 
 
 def test_the_page_says_what_is_going_on(browser, short_film) -> None:
-    found = {"corners": CORNERS, "preset": "paper", "found": 15}
+    found = {"corners": CORNERS, "preset": "paper", "found": 10}
     answers = [{}] * 5 + [found] * 8 + [{**found, "synchronised": True, "progress": 0.42}] * 8
     with open_page(browser, worker=answering(*answers, arrived("done"))) as page:
         page.add_init_script(WATCH)
