@@ -193,3 +193,12 @@ def test_information_is_found_where_python_finds_it(port: Port) -> None:
         same(found, bits.T if done.all() else None)
         is_found.add(bool(done.all()))
     assert is_found == {True, False}
+
+
+def test_information_is_found_where_bits_are_told_beyond_any_number(port: Port) -> None:
+    """Each bit is coded some fifty times alone, and each time surely: exponentials overflow."""
+    information = np.arange(256, dtype=np.uint8)[:, None] % 2
+    llr = 40 * make_rateless(256).encode(information, 700_000).astype(np.float32) - 20
+    ported = port("link/code/rateless.js").makeRateless(256)
+    found = port("link/code/steps.js").runToEnd(ported.decodingSteps(llr.reshape(-1), 1))
+    same(found, information.T)

@@ -9,13 +9,6 @@
 
 #include "plane.h"
 
-// Largest magnitude of a log-likelihood ratio, far beyond certainty and far from overflow.
-static const double mostTotal = 345;
-
-static double exponential(double llr) {
-  return std::exp(std::clamp(llr, -mostTotal, mostTotal));
-}
-
 // Whether sums of bits, which are 1 where what they are told is below 1, are all even.
 static bool allEven(const Plane &starts, const Plane &members, const double *total) {
   for (int sum = 0; sum + 1 < starts.width; sum++) {
@@ -33,18 +26,16 @@ static bool allEven(const Plane &starts, const Plane &members, const double *tot
 // not exist. Where there is one, every other bit must have been told something, too.
 PAGE int propagated(const Plane &starts, const Plane &members, const Plane &sumTanh,
                     const Plane &known, const Plane &checkStarts, const Plane &checkMembers,
-                    double leastTanh, double mostTanh, double mostProduct, int missing, int rounds,
-                    const Plane &messagesBefore, const Plane &totalBefore, const Plane &messages,
-                    const Plane &total) {
+                    double leastTanh, double mostTanh, double mostProduct, double mostTotal,
+                    int missing, int rounds, const Plane &messagesBefore, const Plane &totalBefore,
+                    const Plane &messages, const Plane &total) {
   const int *member = members.whole(), bits = known.width;
   double *message = messages.numbers(), *told = total.numbers();
   std::copy_n(messagesBefore.numbers(), members.width, message);
   std::copy_n(totalBefore.numbers(), bits, told);
-  const double most = std::exp(mostTotal), least = std::exp(-mostTotal);
   std::vector<double> next(bits), tanhs;
   for (int round = 0; round < rounds; round++) {
-    std::transform(known.numbers(), known.numbers() + bits, next.begin(), exponential);
-    const double certain = missing < 0 ? 0 : next[missing];
+    std::copy_n(known.numbers(), bits, next.begin());
     for (int sum = 0; sum < sumTanh.width; sum++) {
       const int first = starts.whole()[sum], end = starts.whole()[sum + 1];
       tanhs.resize(end - first);
@@ -64,11 +55,11 @@ PAGE int propagated(const Plane &starts, const Plane &members, const Plane &sumT
         product *= tanhs[edge - first];
         message[edge] = (1 + mine) / (1 - mine);
         double &grown = next[member[edge]];
-        grown = std::clamp(grown * message[edge], least, most);
+        grown = std::clamp(grown * message[edge], 1 / mostTotal, mostTotal);
       }
     }
     std::copy(next.begin(), next.end(), told);
-    if (missing >= 0) told[missing] = certain;
+    if (missing >= 0) told[missing] = known.numbers()[missing];
     const bool isTold = missing < 0 || std::find(told, told + bits, 1.0) == told + bits;
     if (isTold && allEven(checkStarts, checkMembers, told)) return 1;
   }
@@ -96,9 +87,11 @@ PAGE int likelyTerms(const Plane &evidence, const Plane &usual, const Plane &mar
   };
   const int numbers = evidence.width, shift = std::lround(std::log2(numbers));
   const double needed = openTerms - std::log(doubt);
+  cv::Mat likelihoods;
+  evidence.mat().convertTo(likelihoods, CV_64F);
   double *words[6], most[6];
   for (int word = 0; word < 6; word++) {
-    double *row = words[word] = evidence.numbers() + word * numbers;
+    double *row = words[word] = likelihoods.ptr<double>(word);
     const double largest = *std::max_element(row, row + numbers);
     double sum = 0;
     for (int number = 0; number < numbers; number++) sum += std::exp(row[number] - largest);

@@ -100,15 +100,10 @@ export class Terms {
   }
 }
 
-/**
- * Make the numbers that scramble the pieces; the first two are the mark itself.
- *
- * @param {number} mark
- */
-export function maskOf(mark) {
-  const { low } = scrambled(range(PIECES), mark);
-  return Array.from(low, (word, at) => (at < 2 ? 0 : word % NUMBERS));
-}
+/** Makes the numbers that scramble the pieces; the first two are the mark itself. */
+const maskOf = remembered((/** @type {number} */ mark) =>
+  Array.from(scrambled(range(PIECES), mark).low, (word, at) => (at < 2 ? 0 : word % NUMBERS)),
+);
 
 /**
  * Read the terms from numbers that may be wrong.

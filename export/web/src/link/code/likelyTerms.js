@@ -8,7 +8,7 @@
  */
 
 import { codeFine, codeLikelyTerms } from "../../generated/constants.js";
-import { call } from "../../image/opencv.js";
+import { call, rowsOf } from "../../image/opencv.js";
 import { Terms, fineFrames } from "./fine.js";
 import { remembered } from "./remembered.js";
 
@@ -18,11 +18,6 @@ const { SHORT, DOUBT, MOST_MARKS } = codeLikelyTerms;
 const MARK_BITS = 8 * codeFine.MARK_BYTES;
 /** Logarithm of the number of terms that a short message in a loop of usual length may have. */
 const OPEN_TERMS = Math.log(2 ** MARK_BITS * SHORT);
-/** By bit of the mark, the lowest first, what it changes in the check: a CRC is linear. */
-const MARK_CHECKS = Int32Array.from(
-  { length: MARK_BITS },
-  (_, bit) => new Terms(1, 1, 2 ** bit).check ^ new Terms(1, 1, 0).check,
-);
 
 /**
  * Guess the terms of a short message whose loop has the usual number of frames.
@@ -33,10 +28,9 @@ const MARK_CHECKS = Int32Array.from(
  * @returns {Terms | null} the likeliest terms, or null while others are not improbable
  */
 export function likelyTerms(evidence, nBits) {
-  const { frames, told } = usualTerms(nBits);
-  const words = { width: evidence[0].length, height: evidence.length, data: joined(evidence) };
+  const { frames, told, markChecks } = usualTerms(nBits);
   const best = new Float64Array(2);
-  const given = [words, told, MARK_CHECKS, OPEN_TERMS, DOUBT, MOST_MARKS];
+  const given = [rowsOf(evidence), told, markChecks, OPEN_TERMS, DOUBT, MOST_MARKS];
   if (call("likelyTerms", given, [best]) === 0) return null;
   const [mark, length] = best;
   return new Terms(length + 1, frames[length], mark);
@@ -44,21 +38,20 @@ export function likelyTerms(evidence, nBits) {
 
 /**
  * Tell of all short messages in loops of the usual length the number of frames, and in rows what the
- * fourth word tells, the upper bits of the fifth, and the check without the mark.
+ * fourth word tells, the upper bits of the fifth, and the check without the mark; and by bit of the
+ * mark, the lowest first, what it changes in the check: a CRC is linear.
  */
 const usualTerms = remembered((/** @type {number} */ nBits) => {
   const usual = Array.from({ length: SHORT }, (_, at) => {
     return new Terms(at + 1, fineFrames(at + 1, nBits), 0);
   });
-  const fourth = usual.map(({ nBytes, frames }) => ((nBytes - 1) << 4) | ((frames - 1) >>> 8));
-  const fifth = usual.map(({ frames }) => ((frames - 1) & 0xff) << 4);
-  const data = Int32Array.from([...fourth, ...fifth, ...usual.map(({ check }) => check)]);
-  return { frames: usual.map(({ frames }) => frames), told: { width: SHORT, height: 3, data } };
+  const frames = usual.map((terms) => terms.frames);
+  const fourth = frames.map((count, at) => (at << 4) | ((count - 1) >>> 8));
+  const fifth = frames.map((count) => ((count - 1) & 0xff) << 4);
+  const checks = usual.map(({ check }) => check);
+  const data = Int32Array.from([...fourth, ...fifth, ...checks]);
+  const markChecks = Int32Array.from({ length: MARK_BITS }, (_, bit) => {
+    return new Terms(1, frames[0], 2 ** bit).check ^ checks[0];
+  });
+  return { frames, told: { width: SHORT, height: 3, data }, markChecks };
 });
-
-/** @param {Float64Array[]} rows */
-function joined(rows) {
-  const data = new Float64Array(rows.length * rows[0].length);
-  rows.forEach((row, at) => data.set(row, at * row.length));
-  return data;
-}

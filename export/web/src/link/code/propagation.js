@@ -23,6 +23,9 @@ import { call } from "../../image/opencv.js";
  * @typedef {{ leastTanh: number, mostTanh: number, mostProduct: number }} Bounds
  */
 
+/** Largest magnitude of a log-likelihood ratio, far beyond certainty and far from overflow. */
+const MAX_TOTAL = 345;
+
 /** Beliefs about bits, and how they change from round to round. */
 export class Propagation {
   #bounds;
@@ -42,9 +45,9 @@ export class Propagation {
     this.#sums = sums;
     this.#sumTanh = sumTanh;
     this.#bounds = bounds;
-    this.#known = known;
+    this.#known = known.map((llr) => Math.exp(Math.min(Math.max(llr, -MAX_TOTAL), MAX_TOTAL)));
     /** (bits) exponential of all that each bit is told: below 1 where it is thought to be 1. */
-    this.total = known.map(Math.exp);
+    this.total = this.#known.slice();
     /** (members) exponential of the message of each sum to each of its members. */
     this.#messages = new Float64Array(sums.members.length).fill(1);
   }
@@ -61,7 +64,7 @@ export class Propagation {
   run(rounds, checks, missing = -1) {
     const { leastTanh, mostTanh, mostProduct } = this.#bounds;
     const graph = [this.#sums.starts, this.#sums.members, this.#sumTanh, this.#known];
-    const numbers = [leastTanh, mostTanh, mostProduct, missing, rounds];
+    const numbers = [leastTanh, mostTanh, mostProduct, Math.exp(MAX_TOTAL), missing, rounds];
     const state = [this.#messages, this.total];
     const given = [...graph, checks.starts, checks.members, ...numbers, ...state];
     return call("propagated", given, state) === 1;

@@ -62,17 +62,9 @@ export function weighWord(scores, first = 0) {
       }
     }
   }
-  return overChance(weight);
-}
-
-/**
- * Take the logarithm of the mean likelihood of all numbers off (4096) logarithms.
- *
- * @param {Float64Array} likelihoods
- */
-export function overChance(likelihoods) {
-  const chance = logSumExp(likelihoods) - Math.log(NUMBERS);
-  return likelihoods.map((likelihood) => likelihood - chance);
+  const chance = logSumExp(weight) - Math.log(NUMBERS);
+  for (let number = 0; number < NUMBERS; number++) weight[number] -= chance;
+  return weight;
 }
 
 /**
