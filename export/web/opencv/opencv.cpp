@@ -35,9 +35,24 @@ PAGE void boxMeans(const Plane &from, int across, int down, int border, const Pl
   blur(from.mat(), to.mat(), Size(across, down), Point(-1, -1), border);
 }
 
+static void takeMeanAround(const Mat &from, Size around, Mat &&to) {
+  blur(from, to, around);
+  subtract(from, to, to);
+}
+
 PAGE void lessMeanAround(const Plane &from, int across, int down, const Plane &to) {
-  blur(from.mat(), to.mat(), Size(across, down));
-  subtract(from.mat(), to.mat(), to.mat());
+  takeMeanAround(from.mat(), Size(across, down), to.mat());
+}
+
+// Measures by how much each block is brighter than its neighbourhood of 3 x 3 blocks in views, a row
+// each, whose lines are so many pixels wide; writes a row of blocks for each.
+PAGE void standingOut(const Plane &views, int width, int cols, const Plane &to) {
+  Mat blocks;
+  for (int view = 0; view < views.height; view++) {
+    const Mat pixels = views.mat().row(view).reshape(1, views.width / width);
+    resize(pixels, blocks, Size(cols, to.width / cols), 0, 0, INTER_AREA);
+    takeMeanAround(blocks, Size(3, 3), to.mat().row(view).reshape(1, blocks.rows));
+  }
 }
 
 // Draws blocks as rectangles, with nothing around them.
@@ -291,6 +306,48 @@ PAGE void overDeviation(const Plane &values, double more, const Plane &to) {
   for (double &sum : scale) sum = 1 / (std::sqrt(sum / frames) + more);
   for (int at = 0; at < frames * count; at += count) {
     for (int i = 0; i < count; i++) over[at + i] = (from[at + i] - mean[i]) * scale[i];
+  }
+}
+
+// Finds the share of the signs' power that amplitudes at each of some frequencies explain, in the best
+// of some phase slopes (pilots/signal.js). Values have a row for each frame, and waves and the pilots'
+// signed phases two rows each, for the real and the imaginary part.
+PAGE void explainedShares(const Plane &values, double more, const Plane &waves, const Plane &phases,
+                          const Plane &shares) {
+#pragma clang fp reassociate(on)
+  const int pilots = values.width;
+  Mat series(values.height, pilots, CV_32F);
+  overDeviation(values, more, {series.data, CV_32F, pilots, values.height});
+  std::vector<double> real(pilots), imaginary(pilots);
+  for (int line = 0; line < waves.height; line += 2) {
+    const double *cosine = waves.numbers() + line * waves.width, *sine = cosine + waves.width;
+    std::fill(real.begin(), real.end(), 0.0);
+    std::fill(imaginary.begin(), imaginary.end(), 0.0);
+    for (int t = 0; t < values.height; t++) {
+      const float *now = series.ptr<float>(t);
+      for (int p = 0; p < pilots; p++) {
+        real[p] += cosine[t] * now[p];
+        imaginary[p] += sine[t] * now[p];
+      }
+    }
+    double &most = shares.numbers()[line / 2] = -1;
+    for (int phase = 0; phase < phases.height; phase += 2) {
+      const double *turn = phases.numbers() + phase * pilots, *across = turn + pilots;
+      double a = 0, b = 0, rr = 0, ii = 0, ri = 0;
+      for (int p = 0; p < pilots; p++) {
+        const double r = real[p] * turn[p] - imaginary[p] * across[p];
+        const double i = real[p] * across[p] + imaginary[p] * turn[p];
+        a += r;
+        b += i;
+        rr += r * r;
+        ii += i * i;
+        ri += r * i;
+      }
+      const double power = (rr + ii) * (1 + 1e-9) + 1e-12, rest = (power - rr - ii) / 2;
+      const double apart = std::max((rr + rest) * (ii + rest) - ri * ri, 1e-10 * power * power);
+      const double explained = a * a * (ii + rest) - 2 * a * b * ri + b * b * (rr + rest);
+      most = std::max(most, explained / apart / pilots);
+    }
   }
 }
 
@@ -796,37 +853,42 @@ PAGE void bestMatch(const Plane &image, int left, int top, int width, int height
   best.numbers()[1] = place.y;
 }
 
-// Correlates each part of a map with what is expected there, for all shifts within a reach. Blocks
-// that are expected not to change add nothing, and of the others a sum over pixels is enough; so
-// this takes a tenth of the time of matchTemplate, which finds the same.
-PAGE void matchParts(const Plane &map, const Plane &blocks, const Plane &ys, const Plane &xs,
-                     int reachX, int reachY, const Plane &matches) {
-  const int wide = 2 * reachX + 1, high = 2 * reachY + 1;
+// Correlates each part of maps, less the mean around each pixel, with what is expected there, for all
+// shifts within a reach: maps have a row each, and so have matches. Blocks that are expected not to
+// change add nothing, and of the others a sum over pixels is enough; so this takes a tenth of the time
+// of matchTemplate, which finds the same.
+PAGE void matchParts(const Plane &maps, int width, int aroundX, int aroundY, const Plane &blocks,
+                     const Plane &ys, const Plane &xs, int reachX, int reachY,
+                     const Plane &matches) {
+  const int wide = 2 * reachX + 1, high = 2 * reachY + 1, height = maps.width / width;
   const auto start = [](int block, int length, int count) {
     return (block * length + count - 1) / count;
   };
-  Mat around, sums;
-  copyMakeBorder(map.mat(), around, reachY, reachY, reachX, reachX, BORDER_CONSTANT);
-  integral(around, sums, CV_64F);
-  const int *y = static_cast<int *>(ys.data), *x = static_cast<int *>(xs.data);
+  const int *y = ys.whole(), *x = xs.whole();
   float *match = static_cast<float *>(matches.data);
-  for (int i = 0; i + 1 < ys.width; i++) {
-    for (int k = 0; k + 1 < xs.width; k++, match += wide * high) {
-      std::fill_n(match, wide * high, 0.f);
-      for (int block = 0; block < blocks.width * blocks.height; block++) {
-        const int row = block / blocks.width, col = block % blocks.width;
-        const float value = static_cast<float *>(blocks.data)[block];
-        const int top = std::max(y[i], start(row, map.height, blocks.height));
-        const int left = std::max(x[k], start(col, map.width, blocks.width));
-        const int bottom = std::min(y[i + 1], start(row + 1, map.height, blocks.height));
-        const int right = std::min(x[k + 1], start(col + 1, map.width, blocks.width));
-        if (value == 0 || top >= bottom || left >= right) continue;
-        for (int dy = 0; dy < high; dy++) {
-          const double *above = sums.ptr<double>(top + dy), *below = sums.ptr<double>(bottom + dy);
-          float *to = match + dy * wide;
-          for (int dx = 0; dx < wide; dx++) {
-            to[dx] += value * float(below[right + dx] - below[left + dx] - above[right + dx] +
-                                    above[left + dx]);
+  std::fill_n(match, matches.width * matches.height, 0.f);
+  Mat flat(height, width, CV_32F), around, sums;
+  for (int map = 0; map < maps.height; map++) {
+    takeMeanAround(maps.mat().row(map).reshape(1, height), Size(aroundX, aroundY), Mat(flat));
+    copyMakeBorder(flat, around, reachY, reachY, reachX, reachX, BORDER_CONSTANT);
+    integral(around, sums, CV_64F);
+    for (int i = 0; i + 1 < ys.width; i++) {
+      for (int k = 0; k + 1 < xs.width; k++, match += wide * high) {
+        for (int block = 0; block < blocks.width * blocks.height; block++) {
+          const int row = block / blocks.width, col = block % blocks.width;
+          const float value = static_cast<float *>(blocks.data)[block];
+          const int top = std::max(y[i], start(row, height, blocks.height));
+          const int left = std::max(x[k], start(col, width, blocks.width));
+          const int bottom = std::min(y[i + 1], start(row + 1, height, blocks.height));
+          const int right = std::min(x[k + 1], start(col + 1, width, blocks.width));
+          if (value == 0 || top >= bottom || left >= right) continue;
+          for (int dy = 0; dy < high; dy++) {
+            const double *above = sums.ptr<double>(top + dy), *below = sums.ptr<double>(bottom + dy);
+            float *to = match + dy * wide;
+            for (int dx = 0; dx < wide; dx++) {
+              to[dx] += value * float(below[right + dx] - below[left + dx] - above[right + dx] +
+                                      above[left + dx]);
+            }
           }
         }
       }

@@ -34,7 +34,17 @@ const UNIT_PIXELS = 40_000;
  * @returns {FloatPlane}
  */
 export function withoutSlope(change, block) {
-  return lessMeanAround(change, Math.floor(3 * block[0]) | 1, Math.floor(3 * block[1]) | 1);
+  return lessMeanAround(change, ...slopeSpan(block));
+}
+
+/**
+ * Say over how many pixels `withoutSlope` takes the mean.
+ *
+ * @param {ArrayLike<number>} block - width and height of a block, pixels
+ * @returns {[number, number]} along x and along y, odd
+ */
+export function slopeSpan(block) {
+  return [Math.floor(3 * block[0]) | 1, Math.floor(3 * block[1]) | 1];
 }
 
 /**

@@ -8,10 +8,8 @@
  */
 
 import { pilotsSignal } from "../generated/constants.js";
-import { lessMeanAround } from "../image/blur.js";
 import { call, floatPlane, rowsOf } from "../image/opencv.js";
-import { areaMeans } from "../image/shrink.js";
-import { MOST_SPAN, alongWave, spanOf, waves } from "./waves.js";
+import { MOST_SPAN, spanOf, waves } from "./waves.js";
 
 /** @typedef {Plane<Uint8Array | Float32Array>} AnyPlane */
 /** @typedef {import("./waves.js").Wave} Wave */
@@ -63,7 +61,7 @@ export function expectedChanges(layout) {
  * @returns {Float32Array} (pilots,) gray levels
  */
 export function pilotValues(view, layout) {
-  return picked(standingOut(view, layout), layout.pilotBlocks);
+  return picked(standingOut([view], layout)[0], layout.pilotBlocks);
 }
 
 /** Pick values. @type {(values: Float32Array, numbers: ArrayLike<number>) => Float32Array} */
@@ -76,12 +74,19 @@ export function picked(values, numbers) {
 /**
  * Measure by how much each block is brighter than its neighbourhood of 3 x 3 blocks.
  *
- * @param {AnyPlane} view - the rectified display, of any size
+ * @param {readonly AnyPlane[]} views - the rectified display in some frames, of any one size
  * @param {Layout} layout - says how many blocks there are
- * @returns {Float32Array} (rows * cols,) levels
+ * @returns {Float32Array[]} (rows * cols,) levels, for each view
  */
-export function standingOut(view, { rows, cols }) {
-  return lessMeanAround(areaMeans(view, cols, rows), 3, 3).data;
+export function standingOut(views, { rows, cols }) {
+  const blocks = floatPlane(rows * cols, views.length);
+  call("standingOut", [rowsOf(views.map(({ data }) => data)), views[0].width, cols], [blocks]);
+  return linesOf(blocks);
+}
+
+/** Take the rows of a plane. @param {FloatPlane} plane @returns {Float32Array[]} */
+function linesOf({ width, height, data }) {
+  return Array.from({ length: height }, (_, y) => data.subarray(y * width, (y + 1) * width));
 }
 
 /** What brings all pilots into one phase, if their phases slope. @type {WeakMap<Layout, Wave[]>} */
@@ -161,26 +166,30 @@ export function pilotEvidence(values, layout, at) {
   const { span, fastest } = spanOf(places);
   const frequencies = fastest + 1 - SLOWEST;
   if (frequencies < 1) return { evidence: 0, frequency: 0 };
-  const phases = signedPhases(layout);
-  const taken = values.slice(values.length - frames);
-  const series = overDeviation(taken);
   const periods = (/** @type {number} */ from, /** @type {number} */ count) =>
     Array.from({ length: count }, (_, i) => (from + i) / span);
   const seen = waves(places, periods(SLOWEST, frequencies), periods(0, SLOWEST));
-  let share = -1;
-  let best = 0;
-  for (let i = 0; i < frequencies; i++) {
-    const { real, imaginary } = alongWave(series, seen[i]);
-    const found = explainedShare(real, imaginary, phases);
-    if (found > share) {
-      share = found;
-      best = (SLOWEST + i) / span;
-    }
-  }
+  const shares = new Float64Array(frequencies);
+  const given = [seen, signedPhases(layout)].map(rowsOfWaves);
+  const taken = rowsOf(values.slice(values.length - frames));
+  call("explainedShares", [taken, LEAST_DEVIATION, ...given], [shares]);
+  const share = Math.max(...shares);
+  const best = (SLOWEST + shares.indexOf(share)) / span;
   const unexplained = Math.max(1 - share, 1e-12);
   const paid = Math.log(frequencies * PHASE_SLOPES.length);
   const chance = ((pilots - 2) / 2) * Math.log(unexplained) + paid;
   return { evidence: Math.max(0, -chance), frequency: best };
+}
+
+/** Write waves one below the other, a row for each part. @param {Wave[]} waves */
+function rowsOfWaves(waves) {
+  const { length } = waves[0].real;
+  const data = new Float64Array(2 * length * waves.length);
+  waves.forEach(({ real, imaginary }, i) => {
+    data.set(real, 2 * i * length);
+    data.set(imaginary, (2 * i + 1) * length);
+  });
+  return { width: length, height: 2 * waves.length, data };
 }
 
 /**
@@ -201,25 +210,6 @@ export function commonPhase(real, imaginary, layout) {
 }
 
 /**
- * Find the largest share of the signs' power that amplitudes explain, over all phase slopes.
- *
- * @param {Float64Array} real - (pilots,)
- * @param {Float64Array} imaginary - (pilots,)
- * @param {Wave[]} phases - for each slope
- * @returns {number} in [0, 1]
- */
-function explainedShare(real, imaginary, phases) {
-  const shares = phases.map((slope) => {
-    const { a, b, rr, ii, ri } = turnedSums(real, imaginary, slope);
-    const power = (rr + ii) * (1 + 1e-9) + 1e-12;
-    const more = (power - rr - ii) / 2;
-    const apart = Math.max((rr + more) * (ii + more) - ri * ri, 1e-10 * power * power);
-    return (a * a * (ii + more) - 2 * a * b * ri + b * b * (rr + more)) / apart / real.length;
-  });
-  return Math.max(...shares);
-}
-
-/**
  * Divide what differs from the mean over time by its usual deviation.
  *
  * @param {readonly Float32Array[]} values - (n,) for each of some frames
@@ -228,5 +218,5 @@ function explainedShare(real, imaginary, phases) {
 export function overDeviation(values) {
   const over = floatPlane(values[0].length, values.length);
   call("overDeviation", [rowsOf(values), LEAST_DEVIATION], [over]);
-  return values.map((_, at) => over.data.subarray(at * over.width, (at + 1) * over.width));
+  return linesOf(over);
 }

@@ -8,12 +8,12 @@
  */
 
 import { pilotsSearchParts } from "../../generated/constants.js";
-import { call } from "../../image/opencv.js";
+import { call, floatPlane, rowsOf } from "../../image/opencv.js";
 import { fitMotion } from "../../image/points.js";
 import { areaMeans } from "../../image/shrink.js";
 import { resizedHomography, transform } from "../../link/geometry.js";
 import { median } from "../../link/order.js";
-import { withoutSlope } from "../motion.js";
+import { slopeSpan } from "../motion.js";
 import { overDeviation } from "../signal.js";
 import { CodedToggling, codeSearch } from "../toggling.js";
 
@@ -21,18 +21,18 @@ import { CodedToggling, codeSearch } from "../toggling.js";
 /** @typedef {import("../toggling.js").Amplitudes} Amplitudes */
 
 /**
- * Matches of one part for shifts from -reach to reach along y and, faster, along x: of the real
- * part of amplitudes, and of the imaginary part.
+ * Matches of one part, in each of some maps, for shifts from -reach to reach along y and, faster,
+ * along x.
  *
- * @typedef {{ real: Float32Array, imaginary: Float32Array }} Matches
+ * @typedef {Float32Array[]} Matches
  */
 
 export const {
   PARTS, COARSE_SIZE, ROUGH_PX, REACH_BLOCKS, REACH_SHARE, CLEAR, HALF_REAL, FEW, MANY, SAME_BLOCKS,
 } = pilotsSearchParts;
 
-/** Units of work of matching a frame, and of trying all clocks. */
-const [MATCH_WORK, CLOCK_WORK] = [2, 30];
+/** Units of work of matching all frames, and of trying all clocks. */
+const [MATCH_WORK, CLOCK_WORK] = [30, 30];
 
 /**
  * Find where the parts of a display lie that toggle as they should.
@@ -47,12 +47,14 @@ const [MATCH_WORK, CLOCK_WORK] = [2, 30];
  *   parts that clearly match and agree with it; null where there are none
  */
 export function coarseShift(change, blocks, layout, far = false) {
-  const reach = reachOf(change, layout, far);
+  const { width, height, real, imaginary } = change;
+  const shown = imaginary.some((value) => value !== 0) ? [real, imaginary] : [real];
   // of the matches that chance makes, so many medians are one e-th as frequent as the median
-  const unit = change.imaginary.some((value) => value !== 0) ? Math.log(2) : HALF_REAL;
-  const smallest = matchParts(change, blocks, layout, reach);
+  const unit = shown.length > 1 ? Math.log(2) : HALF_REAL;
+  const reach = reachOf(change, layout, far);
+  const smallest = matchParts(shown, [width, height], blocks, layout, reach, PARTS[0]);
   for (const parts of PARTS) {
-    const found = shiftsOfParts(joined(smallest, parts), change, parts, reach, unit);
+    const found = shiftsOfParts(joined(smallest, PARTS[0], parts), change, parts, reach, unit);
     const fit = fittedShift(found, layout, change);
     if (fit !== null) return fit;
   }
@@ -76,30 +78,29 @@ function reachOf({ width, height }, { rows, cols }, far) {
 }
 
 /**
- * Match each of the smallest parts of a map.
+ * Match each part of some maps with what is expected of it, at every shift.
  *
- * @param {Amplitudes} change
+ * @param {readonly Float32Array[]} maps - amplitudes or values of the rectified display
+ * @param {[number, number]} size - width and height of each map
  * @param {ArrayLike<number>} blocks - (rows * cols,) what is expected of each block
  * @param {Layout} layout
  * @param {[number, number]} reach - largest shift along x and along y, pixels
+ * @param {[number, number]} parts - their number from top to bottom, and from left to right
  * @returns {Matches[]} of each part, from the top left on, row by row
  */
-function matchParts({ width, height, ...change }, blocks, { rows, cols }, reach) {
+function matchParts(maps, [width, height], blocks, { rows, cols }, reach, [down, across]) {
   const expected = { width: cols, height: rows, data: Float32Array.from(blocks) };
-  const [down, across] = PARTS[0];
-  const parts = [divided(height, down), divided(width, across)].map((at) => Int32Array.from(at));
+  const ends = [divided(height, down), divided(width, across)].map((at) => Int32Array.from(at));
+  const span = slopeSpan([width / cols, height / rows]);
   const each = (2 * reach[0] + 1) * (2 * reach[1] + 1);
-  const [real, imaginary] = [change.real, change.imaginary].map((data) => {
-    const matches = new Float32Array(down * across * each);
-    if (data.every((value) => value === 0)) return matches;
-    const plane = withoutSlope({ width, height, data }, [width / cols, height / rows]);
-    call("matchParts", [plane, expected, ...parts, ...reach], [matches]);
-    return matches;
-  });
-  return Array.from({ length: down * across }, (_, part) => {
-    const [start, end] = [part * each, (part + 1) * each];
-    return { real: real.subarray(start, end), imaginary: imaginary.subarray(start, end) };
-  });
+  const found = floatPlane(down * across * each, maps.length);
+  call("matchParts", [rowsOf(maps), width, ...span, expected, ...ends, ...reach], [found]);
+  return Array.from({ length: down * across }, (_, part) =>
+    maps.map((_, map) => {
+      const start = map * found.width + part * each;
+      return found.data.subarray(start, start + each);
+    }),
+  );
 }
 
 /**
@@ -125,12 +126,11 @@ function shiftsOfParts(matches, map, [down, across], [reachX, reachY], unit) {
   /** @type {Shifts} */
   const found = { places: [], seen: [], heights: [] };
   matches.forEach((match, part) => {
-    const squared = new Float32Array(match.real.length);
-    let best = 0;
-    for (let i = 0; i < squared.length; i++) {
-      squared[i] = match.real[i] * match.real[i] + match.imaginary[i] * match.imaginary[i];
-      if (squared[i] > squared[best]) best = i;
+    const squared = new Float32Array(match[0].length);
+    for (const shown of match) {
+      for (let i = 0; i < squared.length; i++) squared[i] += shown[i] * shown[i];
     }
+    const best = squared.indexOf(squared.reduce((most, each) => Math.max(most, each)));
     found.heights.push((unit * squared[best]) / (median(squared) + 1e-12));
     const row = Math.floor(part / across);
     const col = part % across;
@@ -181,27 +181,25 @@ function fittedShift({ places, seen, heights }, layout, map) {
 }
 
 /**
- * Add up the matches of the smallest parts to those of larger ones.
+ * Add up the matches of small parts to those of larger ones.
  *
- * @param {Matches[]} smallest - of `PARTS[0]`
- * @param {[number, number]} parts - one of `PARTS`
+ * @param {Matches[]} small
+ * @param {[number, number]} numbers - of small parts from top to bottom, and from left to right
+ * @param {[number, number]} parts - of larger ones
+ * @returns {Matches[]}
  */
-function joined(smallest, [down, across]) {
-  const [rows, cols] = PARTS[0];
-  if (down === rows && across === cols) return smallest;
-  const shifts = smallest[0].real.length;
-  const sums = Array.from({ length: down * across }, () => ({
-    real: new Float32Array(shifts),
-    imaginary: new Float32Array(shifts),
-  }));
-  smallest.forEach((match, part) => {
+function joined(small, [rows, cols], [down, across]) {
+  if (down === rows && across === cols) return small;
+  const sums = Array.from({ length: down * across }, () =>
+    small[0].map((match) => new Float32Array(match.length)),
+  );
+  small.forEach((matches, part) => {
     const row = Math.floor((Math.floor(part / cols) * down) / rows);
     const col = Math.floor(((part % cols) * across) / cols);
-    const sum = sums[row * across + col];
-    for (let i = 0; i < shifts; i++) {
-      sum.real[i] += match.real[i];
-      sum.imaginary[i] += match.imaginary[i];
-    }
+    matches.forEach((match, map) => {
+      const sum = sums[row * across + col][map];
+      for (let i = 0; i < sum.length; i++) sum[i] += match[i];
+    });
   });
   return sums;
 }
@@ -265,19 +263,12 @@ export function roughSeries(views, { rows, cols }) {
 export function* shiftedTogglings({ frames, size }, blocks, layout, at, fps) {
   const [width, height] = size;
   const reach = reachOf({ width, height }, layout, true);
-  /** @type {Matches[][]} */
-  const shown = [];
-  for (const real of frames) {
-    const change = { width, height, real, imaginary: new Float32Array(real.length) };
-    shown.push(matchParts(change, blocks, layout, reach));
-    yield MATCH_WORK;
-  }
+  const smallest = matchParts(frames, size, blocks, layout, reach, PARTS[1]);
+  yield MATCH_WORK;
   const found = [];
   for (const parts of PARTS.slice(1)) {
-    const seen = shown.map((smallest) => joined(smallest, parts).map(({ real }) => real));
-    const matches = seen[0].map((_, part) => seen.map((now) => now[part]));
-    const clock = codeSearch(layout, at, fps).highest(matches);
-    found.push(new CodedToggling(clock, layout.code));
+    const matches = joined(smallest, PARTS[1], parts);
+    found.push(new CodedToggling(codeSearch(layout, at, fps).highest(matches), layout.code));
     yield CLOCK_WORK;
   }
   return found;

@@ -169,7 +169,7 @@ export class Proposer {
     const found = layouts.flatMap((layout) => {
       const { pilotBlocks } = layout;
       const last = layout.rows * layout.cols - 1;
-      const blocks = views.map((view) => standingOut(view, layout));
+      const blocks = standingOut(views, layout);
       return [pilotBlocks, pilotBlocks.map((block) => last - block)].map((pilots, turned) => {
         const values = blocks.map((shown) => picked(shown, pilots));
         const { evidence, toggling } = findToggling(values, layout, at, this.#watch.fps);
