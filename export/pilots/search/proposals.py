@@ -136,18 +136,21 @@ class Proposer:
                 outlines.append(self._watch.on_image(outline))
         return outlines
 
-    def glance(self, quad: Array, count: int | None = None) -> tuple[float, Proposal]:
-        """Weigh a quadrilateral, any side up, by small views of what toggles in it.
+    def glance(
+        self, quad: Array, turns: Sequence[int], count: int | None = None
+    ) -> tuple[float, Proposal]:
+        """Weigh a quadrilateral by small views of what toggles in it.
 
         Args:
             quad: (4, 2) pixels of the reference frame.
+            turns: quarter turns after which it is weighed, upright and upside down.
             count: as `Watch.places` takes it.
 
         Returns:
             the evidence, before it pays, and what it speaks for.
         """
         ways, places = [], self._watch.places(quad, count)
-        for turn in (0, 1):
+        for turn in turns:
             turned = [np.roll(place, -turn, axis=0) for place in places]
             views = self._watch.map.views(turned, *self._finest)
             ways.append(self._surest(np.roll(quad, -turn, axis=0), views, self._layouts))
@@ -180,8 +183,10 @@ class Proposer:
                 found.append((evidence, Proposal(up, layout, toggling)))
         return max(found, key=lambda each: each[0])
 
-    def first_fit(self, quad: Array) -> Proposal | None:
+    def first_fit(self, quad: Array) -> Generator[None, None, Proposal | None]:
         """Fit every layout, upright and upside down, to a quadrilateral that may be far off.
+
+        Each layout is a step of the search.
 
         Args:
             quad: (4, 2) pixels of the reference frame.
@@ -208,6 +213,7 @@ class Proposer:
                     if fit is not None and (best is None or fit[1] > best[0]):
                         corners = np.roll(moved_corners(quad, fit[0], layout), -turn, axis=0)
                         best = fit[1], Proposal(corners, layout, toggling)
+            yield None
         return None if best is None else best[1]
 
 

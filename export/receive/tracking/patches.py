@@ -27,10 +27,14 @@ from link.types import Corners, Homography, Image
 
 FOLLOWED_CORRELATION = 0.7
 """Smallest `export.locate.patches.seen_correlation` of a followed display."""
-QUICK_WORK, SLOW_WORK = 60, 12
+QUICK_WORK, SLOW_WORK = 60, 8
 """Units of work (`link.code.steps`) after which a frame takes no further step of a search: of the
 first one after the display was lost or the image has changed, and of later ones, so that there is
 time for other trackers."""
+SAVED_WORK, MOST_SAVED = 4, 420
+"""Units of work that each frame saves for quick searches, and how much is saved at most: a whole
+search. A quick search that has used up what was saved goes on slowly: some images change all the
+time."""
 THUMBNAIL_PX = 32
 """Width and height, in pixels, of the thumbnails that tell whether the image has changed."""
 CHANGED_LEVELS, CHANGED_SHARE = 16.0, 0.03
@@ -118,7 +122,7 @@ class Tracker(DisplayTracker):
         self._follower = Follower(layout)
         self._search: Steps[Located | None] | None = None
         self._searched: tuple[int, ...] = ()
-        self._is_quick = True
+        self._is_quick, self._saved = True, MOST_SAVED
         self._thumbnail: NDArray[np.float32] | None = None
         self._aside: list[tuple[float, Corners]] = []
         self._elsewhere = False
@@ -136,7 +140,7 @@ class Tracker(DisplayTracker):
     def _forget(self) -> None:
         """Follow nothing any more."""
         self._follower.forget()
-        self._search, self._is_quick = None, True
+        self._search, self._is_quick, self._saved = None, True, MOST_SAVED
 
     def follow(self, image: Image, time: float) -> Tracked | None:
         """Find the display in the next frame, or return None where it is not in view."""
@@ -195,22 +199,25 @@ class Tracker(DisplayTracker):
 
     def _work_limit(self, image: NDArray[np.uint8]) -> int:
         """Say after how many units of work this frame takes no further step of the search."""
-        if self._is_quick:
-            self._thumbnail = None
-            return QUICK_WORK
+        self._saved = min(self._saved + SAVED_WORK, MOST_SAVED)
+        if not self._is_quick and self._has_changed(image):
+            # what was looked at is no longer what is seen
+            self._search, self._is_quick = self._begun(image), True
+        if not self._is_quick:
+            return SLOW_WORK
+        self._thumbnail = None
+        limit = max(SLOW_WORK, min(QUICK_WORK, self._saved))
+        self._saved = max(0, self._saved - limit)
+        return limit
+
+    def _has_changed(self, image: NDArray[np.uint8]) -> bool:
+        """Tell whether a frame differs from the one with which the slow searches began."""
         gray = as_gray(image[::4, ::4])
         small = cv2.resize(gray, (THUMBNAIL_PX, THUMBNAIL_PX), interpolation=cv2.INTER_AREA)
-        thumbnail = np.asarray(small, np.float32)
-        before, self._thumbnail = self._thumbnail, thumbnail
-        if before is None:
-            return SLOW_WORK
-        changed = float((np.abs(thumbnail - before) > CHANGED_LEVELS).mean())
-        if changed < CHANGED_SHARE:
-            self._thumbnail = before
-            return SLOW_WORK
-        # what was looked at is no longer what is seen
-        self._search, self._is_quick = self._begun(image), True
-        return QUICK_WORK
+        if self._thumbnail is None:
+            self._thumbnail = np.asarray(small, np.float32)
+        changed = np.abs(small - self._thumbnail) > CHANGED_LEVELS
+        return bool(changed.mean() >= CHANGED_SHARE)
 
     def _accept(
         self, image: NDArray[np.uint8], corners: NDArray[np.float64], *, fresh: bool

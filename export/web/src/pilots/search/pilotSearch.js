@@ -29,13 +29,13 @@ import { Watch } from "./watch.js";
 /** @typedef {import("./proposals.js").Proposal} Proposal */
 /** @typedef {import("./settle.js").Settled} Settled */
 
-const { PATIENCE_S, MOST_DOUBLED, STEPS_HZ } = pilotsSearchPilotSearch;
+const { ANY_TURN, PATIENCE_S, MOST_DOUBLED } = pilotsSearchPilotSearch;
 
 /**
- * Units of work (`steps.js`) from which on a frame has had its share, where a camera takes `STEPS_HZ`
- * frames a second or more; those of a slower one have time for more.
+ * Units of work (`steps.js`) from which on a frame from a file has had its share: while the display is
+ * looked for, and while a proposal is being settled.
  */
-export const FRAME_WORK = 44;
+export const [FRAME_WORK, SETTLING_WORK] = [32, 88];
 /**
  * Time, in milliseconds, after which a frame of a camera that does not wait has had its share.
  */
@@ -74,9 +74,7 @@ export class PilotSearch {
   #failed = 0;
   /** Largest evidence of a quadrilateral in this search, before it pays. */
   #surestSeen = 0;
-  /** Number of frames whose share of the work was done in this search. */
-  #spent = 0;
-  /** Whether a proposal is being settled; before a camera that does not wait, that is finished. */
+  /** Whether a proposal is being settled, which is finished. */
   #isSettling = false;
   /** What is looked at; null before the first frame. @type {Watch | null} */
   #watch = null;
@@ -101,6 +99,12 @@ export class PilotSearch {
   /** Whether frames come from a camera, which does not wait for the search. */
   get #isLive() {
     return this.frameMs < Infinity;
+  }
+
+  /** Units of work from which on a frame has had its share; before such a camera, time ends the work. */
+  get #share() {
+    if (this.#isLive) return Infinity;
+    return this.#isSettling ? SETTLING_WORK : FRAME_WORK;
   }
 
   /** Whether no search has begun. */
@@ -128,23 +132,20 @@ export class PilotSearch {
       this.#watch = new Watch(gray, time, this.fps, this.pictureMoves, longer);
       this.#isSettling = false;
       this.#work = null;
-      this.#surestSeen = this.#spent = 0;
+      this.#surestSeen = 0;
       return null;
     }
     if (watch.frames.length === 0) watch.add(watch.held[0]);
     const isWatching = watch.frames.length < watch.window;
     if (isWatching) watch.add(watch.newest);
     this.#work ??= this.#search(watch);
-    const share = FRAME_WORK * Math.max(1, Math.round(STEPS_HZ / this.fps));
-    const most = this.#isLive ? Infinity : share; // time ends the work there
-    const isSpare = isWatching && !this.#isSettling;
+    const isSpare = this.#isLive && isWatching && !this.#isSettling;
     const until = begun + (isSpare ? (SPARE * 1000) / this.fps : this.frameMs);
     let work = 0;
-    while (work < most) {
+    do {
       const step = this.#work.next();
       if (!step.done) {
         work += step.value;
-        if (this.#isLive && performance.now() >= until) break;
         continue;
       }
       if (step.value === null) return this.#fail();
@@ -156,14 +157,10 @@ export class PilotSearch {
       const clock = toggling.clockInSeconds(this.fps, watch.start);
       const held = watch.held.slice(0, -1);
       return { layout, corners: newest, evidence, firstCorners: corners, k, clock, held };
-    }
-    this.#spent += work === Infinity ? 1 : Math.min(work, most) / share;
+    } while (work < this.#share && performance.now() < until);
     const patience = PATIENCE_S * 2 ** Math.min(Math.floor(this.#failed / 2), MOST_DOUBLED);
-    // a camera that does not wait has gone on since the last frame that was watched
-    const isOver = this.#isLive
-      ? !this.#isSettling && time - watch.frames[watch.frames.length - 1].time > patience
-      : this.#spent > patience * this.fps;
-    return isOver ? this.#fail() : null;
+    const isOver = time - watch.frames[watch.frames.length - 1].time > patience;
+    return isOver && !this.#isSettling ? this.#fail() : null;
   }
 
   /** Choose how the next search begins after one in vain. */
@@ -187,9 +184,13 @@ export class PilotSearch {
   /**
    * Look for the display in the film that follows the reference.
    *
+   * Of quadrilaterals that are tried late, searches after one in vain try any second side for up,
+   * and the next search the others.
+   *
    * @param {Watch} watch
    */
   *#search(watch) {
+    const turns = this.#failed === 0 ? ANY_TURN : ANY_TURN.slice(this.#failed % 2).slice(0, 1);
     const within = yield* candidateSteps(watch.reference, CANDIDATES);
     const leaving = yield* leavingSteps(watch.reference, LEAVING);
     const edges = [...within.map((edge) => edge.corners), ...leaving];
@@ -203,7 +204,7 @@ export class PilotSearch {
         yield NEXT_FRAME;
       }
       seen = watch.frames.length;
-      const found = yield* this.#glance(edges, proposer, watch, seen);
+      const found = yield* this.#glance(edges, ANY_TURN, proposer, watch, seen);
       if (found !== null) return found;
       // a camera that does not wait shows the rest while faint edges are looked at
       if (!this.#isLive && seen < watch.window) continue;
@@ -212,16 +213,16 @@ export class PilotSearch {
         const edgesOf = yield* candidateSteps(even, CANDIDATES);
         const quads = edgesOf.map(({ corners }) => watch.onImage(corners));
         faint.push(...quads);
-        const soon = yield* this.#glance(quads, proposer, watch);
+        const soon = yield* this.#glance(quads, turns, proposer, watch);
         if (soon !== null) return soon;
       }
     }
     const strongest = [...edges.slice(0, STRONGEST), ...faint.slice(0, 1)];
-    const fitted = yield* this.#fit(strongest, proposer, watch);
+    const fitted = yield* this.#fit(strongest, turns, proposer, watch);
     if (fitted !== null) return fitted;
     const outlines = yield* proposer.outlines();
     const framed = [...edges, ...faint.slice(0, CANDIDATES)].map((quad) => inset(quad, FRAME_SHARE));
-    const later = yield* this.#glance([...outlines, ...framed], proposer, watch);
+    const later = yield* this.#glance([...outlines, ...framed], turns, proposer, watch);
     if (later !== null) return later;
     const glances = proposer.glances();
     for (const [, { proposal }] of glances.filter(([, { evidence }]) => evidence > HINT)) {
@@ -229,20 +230,22 @@ export class PilotSearch {
       if (found !== null) return found;
     }
     const untried = glances.map(([quad]) => quad).filter((quad) => !strongest.includes(quad));
-    return yield* this.#fit([...untried.slice(0, CLEAREST), ...outlines], proposer, watch);
+    const last = [...untried.slice(0, CLEAREST), ...outlines];
+    return yield* this.#fit(last, turns, proposer, watch);
   }
 
   /**
    * Glance at quadrilaterals, and settle each that is promising.
    *
    * @param {Point[][]} quads - the likeliest first
+   * @param {number[]} turns - as `Proposer.glanceSteps` takes them
    * @param {Proposer} proposer
    * @param {Watch} watch
    * @param {number | null} [count] - as `Watch.places` takes it
    */
-  *#glance(quads, proposer, watch, count = null) {
+  *#glance(quads, turns, proposer, watch, count = null) {
     for (const quad of quads) {
-      const { evidence, proposal } = yield* proposer.glanceSteps(quad, count);
+      const { evidence, proposal } = yield* proposer.glanceSteps(quad, turns, count);
       if (!(evidence > PROMISING)) continue;
       const found = yield* this.#weighAndSettle(proposal, watch);
       if (found !== null) return found;
@@ -251,15 +254,16 @@ export class PilotSearch {
   }
 
   /**
-   * Fit the pilots to quadrilaterals, any side up, and settle each fit that is a hint.
+   * Fit the pilots to quadrilaterals, and settle each fit that is a hint.
    *
    * @param {Point[][]} quads - the likeliest first
+   * @param {number[]} turns - as `Proposer.glanceSteps` takes them
    * @param {Proposer} proposer
    * @param {Watch} watch
    */
-  *#fit(quads, proposer, watch) {
+  *#fit(quads, turns, proposer, watch) {
     for (const quad of quads) {
-      for (const turn of [0, 1]) {
+      for (const turn of turns) {
         const fit = yield* proposer.firstFit(rolled(quad, turn));
         if (fit === null) continue;
         const { evidence } = proposer.surestIn(fit.corners, fit.layout);

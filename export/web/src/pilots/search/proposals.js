@@ -24,7 +24,7 @@ export const VIEW_WORK = 0.6;
 export const GLANCE_WORK = 10;
 /** Units of work of the power at one frequency, and of an outline. */
 const POWER_WORK = 10;
-const OUTLINE_WORK = 20;
+const OUTLINE_WORK = 40;
 /** Units of work of a layout's fit, and of rough maps. */
 const FIT_WORK = 4;
 const ROUGH_WORK = 2;
@@ -118,24 +118,25 @@ export class Proposer {
   }
 
   /**
-   * Weigh a quadrilateral, any side up, by small views of what toggles in it, step by step.
+   * Weigh a quadrilateral by small views of what toggles in it, step by step.
    *
    * @param {Point[]} quad
+   * @param {number[]} turns - quarter turns after which it is weighed, upright and upside down
    * @param {number | null} [count] - of the frames, from the first on, in which it is followed by
    *   its own motion; null to look at all, held still as the room is, which is quicker
    * @returns {Steps<Glance>} what is surest
    */
-  *glanceSteps(quad, count = null) {
+  *glanceSteps(quad, turns, count = null) {
     const { cols, rows } = this.#finest;
     const watch = this.#watch;
     const places = watch.places(quad, count);
     const ways = [];
-    for (const turn of [0, 1]) {
+    for (const turn of turns) {
       const views = watch.map.views(places.map((place) => rolled(place, turn)), cols, rows);
       ways.push(this.#surest(rolled(quad, turn), views, this.#layouts));
       yield GLANCE_WORK / 2;
     }
-    const surest = ways[0].evidence >= ways[1].evidence ? ways[0] : ways[1];
+    const surest = surestOf(ways);
     this.#glances.set(quad, surest);
     return surest;
   }
@@ -177,7 +178,7 @@ export class Proposer {
         return { evidence, proposal: { corners: up, layout, toggling } };
       });
     });
-    return found.reduce((best, each) => (each.evidence > best.evidence ? each : best));
+    return surestOf(found);
   }
 
   /**
@@ -231,6 +232,11 @@ export class Proposer {
     }
     return best;
   }
+}
+
+/** Choose the glance of most evidence. @param {Glance[]} found @returns {Glance} */
+function surestOf(found) {
+  return found.reduce((best, each) => (each.evidence > best.evidence ? each : best));
 }
 
 /**

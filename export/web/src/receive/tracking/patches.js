@@ -17,7 +17,8 @@ import { cornersOnPatches, neededCorrelation } from "../../locate/refine.js";
 import { Follower } from "./follow.js";
 
 const {
-  FOLLOWED_CORRELATION, QUICK_WORK, SLOW_WORK, THUMBNAIL_PX, CHANGED_LEVELS, CHANGED_SHARE, ASIDE_S,
+  FOLLOWED_CORRELATION, QUICK_WORK, SLOW_WORK, SAVED_WORK, MOST_SAVED, THUMBNAIL_PX,
+  CHANGED_LEVELS, CHANGED_SHARE, ASIDE_S,
 } = receiveTrackingPatches;
 
 /**
@@ -80,6 +81,8 @@ export class Tracker {
   #searchedHeight = 0;
   /** Whether the search is the first one since the display was lost or the image has changed. */
   #isQuick = true;
+  /** Units of work that are saved for quick searches. */
+  #saved = MOST_SAVED;
   /** @type {Uint8Array | null} */
   #thumbnail = null;
   /** @type {{ time: number, corners: Point[] }[]} */
@@ -130,6 +133,7 @@ export class Tracker {
     this.#follower.forget();
     this.#search = null;
     this.#isQuick = true;
+    this.#saved = MOST_SAVED;
   }
 
   /**
@@ -243,24 +247,29 @@ export class Tracker {
    * @param {BytePlane} image
    */
   #workLimit(image) {
-    if (this.#isQuick) {
-      this.#thumbnail = null;
-      return QUICK_WORK;
+    this.#saved = Math.min(this.#saved + SAVED_WORK, MOST_SAVED);
+    if (!this.#isQuick && this.#hasChanged(image)) {
+      // what was looked at is no longer what is seen
+      this.#search = this.#begun(image);
+      this.#isQuick = true;
     }
-    const thumbnail = thumbnailOf(image);
-    const before = this.#thumbnail;
-    this.#thumbnail = thumbnail;
-    if (before === null) return SLOW_WORK;
-    const differs = (/** @type {number} */ level, /** @type {number} */ at) =>
-      Math.abs(level - before[at]) > CHANGED_LEVELS;
-    if (thumbnail.filter(differs).length / thumbnail.length < CHANGED_SHARE) {
-      this.#thumbnail = before;
-      return SLOW_WORK;
-    }
-    // what was looked at is no longer what is seen
-    this.#search = this.#begun(image);
-    this.#isQuick = true;
-    return QUICK_WORK;
+    if (!this.#isQuick) return SLOW_WORK;
+    this.#thumbnail = null;
+    const limit = Math.max(SLOW_WORK, Math.min(QUICK_WORK, this.#saved));
+    this.#saved = Math.max(0, this.#saved - limit);
+    return limit;
+  }
+
+  /**
+   * Tell whether a frame differs from the one with which the slow searches began.
+   *
+   * @param {BytePlane} image
+   */
+  #hasChanged(image) {
+    const seen = thumbnailOf(image);
+    const before = (this.#thumbnail ??= seen);
+    const changed = seen.filter((level, at) => Math.abs(level - before[at]) > CHANGED_LEVELS);
+    return changed.length / seen.length >= CHANGED_SHARE;
   }
 
   /**
