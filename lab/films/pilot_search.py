@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binom
+from scipy.stats import quantile_test
 
 from data_gen.film.frame import VideoFrame
 from data_gen.film.scenes import SceneSettings
@@ -252,18 +252,6 @@ class KnownCorners:
             self.sure_s = frame.time_s
 
 
-def median_interval(values: Sequence[float]) -> tuple[float, float]:
-    """Bound a median, at 95 per cent, by the values of two ranks (binomial order statistics).
-
-    >>> median_interval(list(range(100)))
-    (39.0, 60.0)
-    """
-    ordered = np.sort(np.asarray(values, np.float64))
-    rank = int(binom.ppf(0.025, len(ordered), 0.5))
-    low = max(0, rank - 1)
-    return float(ordered[low]), float(ordered[len(ordered) - 1 - low])
-
-
 def search_table(outcomes: Sequence[SearchOutcome]) -> Table:
     """Show how many displays were found, how soon, and how well; and what should not have been.
 
@@ -288,11 +276,13 @@ def search_table(outcomes: Sequence[SearchOutcome]) -> Table:
             row.append(str(known) if seen == "display" else "–")
             row.append(f"{wrong} (at most {wilson(wrong, len(mine))[1]:.1%})")
             row.append(f"{np.median(times):.2f}" if times else "–")
+            off = "–"
             if errors:
-                least, most = median_interval(errors)
-                row.append(f"{np.median(errors):.2f} ({least:.2f} – {most:.2f})")
-            else:
-                row.append("–")
+                off = f"{np.median(errors):.2f}"
+                interval = quantile_test(errors, p=0.5).confidence_interval()
+                if np.isfinite(interval.low):  # five values and fewer bound no median
+                    off += f" ({interval.low:.2f} – {interval.high:.2f})"
+            row.append(off)
             rows.append(row)
     heads = (
         "preset", "frames/s", "film of", "films", "found", "surely seen", "found wrongly",

@@ -6,10 +6,8 @@ the pilots fit the grid, and the display is believed if its blocks toggle with t
 beyond doubt (`settle`). That also tells which way up it is and which of several grids it shows.
 
 Where something toggled like a display and none was sure, the next search takes the picture for one
-that moves, as a video does, and holds the room still alone. The first searches are given up early:
-perhaps the display came into view, or began to play, only after the frames that they look at.
-
-The work is cut into steps, one or two for each frame, so that no frame takes long.
+that moves, as a video does, and holds the room still alone. The work is cut into steps, one or two
+for each frame, so that no frame takes long.
 """
 
 from collections.abc import Generator, Sequence
@@ -44,13 +42,9 @@ GLANCES = 2
 STEPS_HZ = 60.0
 """Number of steps of the search that are done in a second, at least: the frames of a slow camera
 leave time for several."""
-PATIENCE_S, MOST_DOUBLED = 2.0, 3
-"""Time after the last frame that was watched, in seconds, after which the first two searches are
-given up, and number of times that it doubles, each time for the next two searches: some displays
-take longer."""
 ANY_TURN = 0, 1
 """Quarter turns after which quadrilaterals are tried upright and upside down, so that any of their
-sides may be up."""
+sides may be up. Where one search was in vain, the next ones try them by turns."""
 Search = Generator[None, None, Settled | None]
 """Steps of the search, which end with the display that is sure, or None."""
 
@@ -136,9 +130,7 @@ class PilotSearch:
                 next(self._work)
             except StopIteration as end:
                 return self._ended(end.value, watch)
-        patience = PATIENCE_S * 2 ** min(self._failed // 2, MOST_DOUBLED)
-        is_over = time - watch.frames[-1].time > patience
-        return self._ended(None, watch) if is_over else None
+        return None
 
     def doubt_picture(self) -> None:
         """Take the picture for one that moves, or no longer for one, from the next search on."""
@@ -172,10 +164,8 @@ class PilotSearch:
 
         Edges are glanced at after half of the window and after each quarter. Once all frames have
         been watched, other quadrilaterals are, and the pilots are fitted to those that probably
-        bound a display, if not exactly. Of these, searches after one in vain try any second side
-        for up, and the next search the others.
+        bound a display, if not exactly.
         """
-        turns = ANY_TURN if self._failed == 0 else ANY_TURN[self._failed % 2 :][:1]
         proposer = Proposer(watch, self.layouts, self._fps)
         edges = proposer.edges
         count, seen = watch.window // 2, 0
@@ -186,20 +176,20 @@ class PilotSearch:
                 yield None
             seen = len(watch.frames)
             count = seen + watch.window // 4
-            if found := (yield from self._glance(edges, ANY_TURN, proposer, watch, seen)):
+            if found := (yield from self._glance(edges, proposer, watch, seen)):
                 return found
         faint: list[Array] = []
         for quads in proposer.faint_edges():
             yield None
             faint += quads
-            if found := (yield from self._glance(quads, turns, proposer, watch)):
+            if found := (yield from self._glance(quads, proposer, watch)):
                 return found
         strongest = [*edges[:STRONGEST], *faint[:1]]
-        if found := (yield from self._fit(strongest, turns, proposer, watch)):
+        if found := (yield from self._fit(strongest, proposer, watch)):
             return found
         outlines = yield from proposer.outlines()
         framed = [inset(quad, FRAME_SHARE) for quad in (*edges, *faint[:CANDIDATES])]
-        if found := (yield from self._glance([*outlines, *framed], turns, proposer, watch)):
+        if found := (yield from self._glance([*outlines, *framed], proposer, watch)):
             return found
         glances = proposer.glances()
         for proposal in [proposal for evidence, proposal, _ in glances if evidence > HINT]:
@@ -207,25 +197,25 @@ class PilotSearch:
                 return found
         tried = {id(quad) for quad in strongest}
         clearest = [quad for _, _, quad in glances if id(quad) not in tried][:CLEAREST]
-        return (yield from self._fit([*clearest, *outlines], turns, proposer, watch))
+        return (yield from self._fit([*clearest, *outlines], proposer, watch))
+
+    @property
+    def _turns(self) -> tuple[int, ...]:
+        """Turns of quadrilaterals that are proposed late: fewer in searches after one in vain."""
+        return ANY_TURN[(self._failed - 1) % 2 :][:1] if self._failed else ANY_TURN
 
     def _glance(
-        self,
-        quads: Sequence[Array],
-        turns: Sequence[int],
-        proposer: Proposer,
-        watch: Watch,
-        count: int | None = None,
+        self, quads: Sequence[Array], proposer: Proposer, watch: Watch, count: int | None = None
     ) -> Search:
         """Glance at quadrilaterals, and settle each that is promising.
 
         Args:
             quads: (4, 2) pixels of the reference frame each, the likeliest first.
-            turns: as `Proposer.glance` takes them.
             proposer: glances at them.
             watch: the film.
-            count: as `Watch.places` takes it.
+            count: as `Watch.places` takes it; None for those that are proposed late.
         """
+        turns = self._turns if count is None else ANY_TURN
         for number, quad in enumerate(quads):
             evidence, proposal = proposer.glance(quad, turns, count)
             if evidence > PROMISING and (
@@ -236,18 +226,15 @@ class PilotSearch:
                 yield None
         return None
 
-    def _fit(
-        self, quads: Sequence[Array], turns: Sequence[int], proposer: Proposer, watch: Watch
-    ) -> Search:
+    def _fit(self, quads: Sequence[Array], proposer: Proposer, watch: Watch) -> Search:
         """Fit the pilots to quadrilaterals, and settle each fit that is a hint.
 
         Args:
             quads: (4, 2) pixels of the reference frame each, the likeliest first.
-            turns: as `Proposer.glance` takes them.
             proposer: fits the pilots.
             watch: the film.
         """
-        for quad, turn in product(quads, turns):
+        for quad, turn in product(quads, self._turns):
             fit = yield from proposer.first_fit(np.roll(quad, -turn, axis=0))
             evidence = 0.0 if fit is None else proposer.surest_in(fit.corners, [fit.layout])[0]
             yield None

@@ -184,9 +184,7 @@ class Proposer:
         return max(found, key=lambda each: each[0])
 
     def first_fit(self, quad: Array) -> Generator[None, None, Proposal | None]:
-        """Fit every layout, upright and upside down, to a quadrilateral that may be far off.
-
-        Each layout is a step of the search.
+        """Fit layouts, one in a step and either side up, to a quadrilateral that may be far off.
 
         Args:
             quad: (4, 2) pixels of the reference frame.

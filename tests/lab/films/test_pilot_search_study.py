@@ -12,7 +12,6 @@ from lab.films.pilot_search import (
     KnownCorners,
     SearchOutcome,
     displayed_states,
-    median_interval,
     search_table,
     searched_layouts,
 )
@@ -86,8 +85,3 @@ def test_the_table_counts_what_was_found_and_what_should_not_have_been() -> None
     assert display["found wrongly"].startswith("0 (")
     assert display["median s"] == "0.15"
     assert (still["found"], still["found wrongly"][:3]) == ("–", "1 (")
-
-
-def test_an_interval_of_a_median_lies_among_the_values() -> None:
-    low, high = median_interval([3.0, 1.0, 2.0])
-    assert 1.0 <= low <= 2.0 <= high <= 3.0

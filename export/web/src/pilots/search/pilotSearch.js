@@ -8,9 +8,9 @@
  * tells which way up it is and which of several grids it shows.
  *
  * Where something toggled like a display and none was sure, the next search takes the picture for
- * one that moves, as a video does, and holds the room still alone. The first searches are given up
- * early: perhaps the display came into view, or began to play, only after the frames that they look
- * at.
+ * one that moves, as a video does, and holds the room still alone. Before a camera that does not wait,
+ * the first searches are given up early: perhaps the display came into view, or began to play, only
+ * after the frames that they look at.
  *
  * The work is cut into steps finer than Python's (`link/code/steps.js`): no frame takes long.
  */
@@ -29,7 +29,14 @@ import { Watch } from "./watch.js";
 /** @typedef {import("./proposals.js").Proposal} Proposal */
 /** @typedef {import("./settle.js").Settled} Settled */
 
-const { ANY_TURN, PATIENCE_S, MOST_DOUBLED } = pilotsSearchPilotSearch;
+const { ANY_TURN } = pilotsSearchPilotSearch;
+
+/**
+ * Time after the last frame that was watched, in seconds, after which the first two searches are given
+ * up, and number of times that it doubles, each time for the next two: where a camera does not wait,
+ * frames pass meanwhile that may show more.
+ */
+const [PATIENCE_S, MOST_DOUBLED] = [2, 3];
 
 /**
  * Units of work (`steps.js`) from which on a frame from a file has had its share: while the display is
@@ -159,7 +166,7 @@ export class PilotSearch {
       return { layout, corners: newest, evidence, firstCorners: corners, k, clock, held };
     } while (work < this.#share && performance.now() < until);
     const patience = PATIENCE_S * 2 ** Math.min(Math.floor(this.#failed / 2), MOST_DOUBLED);
-    const isOver = time - watch.frames[watch.frames.length - 1].time > patience;
+    const isOver = this.#isLive && time - watch.frames[watch.frames.length - 1].time > patience;
     return isOver && !this.#isSettling ? this.#fail() : null;
   }
 
@@ -184,13 +191,9 @@ export class PilotSearch {
   /**
    * Look for the display in the film that follows the reference.
    *
-   * Of quadrilaterals that are tried late, searches after one in vain try any second side for up,
-   * and the next search the others.
-   *
    * @param {Watch} watch
    */
   *#search(watch) {
-    const turns = this.#failed === 0 ? ANY_TURN : ANY_TURN.slice(this.#failed % 2).slice(0, 1);
     const within = yield* candidateSteps(watch.reference, CANDIDATES);
     const leaving = yield* leavingSteps(watch.reference, LEAVING);
     const edges = [...within.map((edge) => edge.corners), ...leaving];
@@ -204,7 +207,7 @@ export class PilotSearch {
         yield NEXT_FRAME;
       }
       seen = watch.frames.length;
-      const found = yield* this.#glance(edges, ANY_TURN, proposer, watch, seen);
+      const found = yield* this.#glance(edges, proposer, watch, seen);
       if (found !== null) return found;
       // a camera that does not wait shows the rest while faint edges are looked at
       if (!this.#isLive && seen < watch.window) continue;
@@ -213,16 +216,16 @@ export class PilotSearch {
         const edgesOf = yield* candidateSteps(even, CANDIDATES);
         const quads = edgesOf.map(({ corners }) => watch.onImage(corners));
         faint.push(...quads);
-        const soon = yield* this.#glance(quads, turns, proposer, watch);
+        const soon = yield* this.#glance(quads, proposer, watch);
         if (soon !== null) return soon;
       }
     }
     const strongest = [...edges.slice(0, STRONGEST), ...faint.slice(0, 1)];
-    const fitted = yield* this.#fit(strongest, turns, proposer, watch);
+    const fitted = yield* this.#fit(strongest, proposer, watch);
     if (fitted !== null) return fitted;
     const outlines = yield* proposer.outlines();
     const framed = [...edges, ...faint.slice(0, CANDIDATES)].map((quad) => inset(quad, FRAME_SHARE));
-    const later = yield* this.#glance([...outlines, ...framed], turns, proposer, watch);
+    const later = yield* this.#glance([...outlines, ...framed], proposer, watch);
     if (later !== null) return later;
     const glances = proposer.glances();
     for (const [, { proposal }] of glances.filter(([, { evidence }]) => evidence > HINT)) {
@@ -230,20 +233,24 @@ export class PilotSearch {
       if (found !== null) return found;
     }
     const untried = glances.map(([quad]) => quad).filter((quad) => !strongest.includes(quad));
-    const last = [...untried.slice(0, CLEAREST), ...outlines];
-    return yield* this.#fit(last, turns, proposer, watch);
+    return yield* this.#fit([...untried.slice(0, CLEAREST), ...outlines], proposer, watch);
+  }
+
+  /** Turns of quadrilaterals that are proposed late: fewer in searches after one in vain. */
+  get #turns() {
+    return this.#failed === 0 ? ANY_TURN : [ANY_TURN[(this.#failed - 1) % 2]];
   }
 
   /**
    * Glance at quadrilaterals, and settle each that is promising.
    *
    * @param {Point[][]} quads - the likeliest first
-   * @param {number[]} turns - as `Proposer.glanceSteps` takes them
    * @param {Proposer} proposer
    * @param {Watch} watch
-   * @param {number | null} [count] - as `Watch.places` takes it
+   * @param {number | null} [count] - as `Watch.places` takes it; null for those that are proposed late
    */
-  *#glance(quads, turns, proposer, watch, count = null) {
+  *#glance(quads, proposer, watch, count = null) {
+    const turns = count === null ? this.#turns : ANY_TURN;
     for (const quad of quads) {
       const { evidence, proposal } = yield* proposer.glanceSteps(quad, turns, count);
       if (!(evidence > PROMISING)) continue;
@@ -257,13 +264,12 @@ export class PilotSearch {
    * Fit the pilots to quadrilaterals, and settle each fit that is a hint.
    *
    * @param {Point[][]} quads - the likeliest first
-   * @param {number[]} turns - as `Proposer.glanceSteps` takes them
    * @param {Proposer} proposer
    * @param {Watch} watch
    */
-  *#fit(quads, turns, proposer, watch) {
+  *#fit(quads, proposer, watch) {
     for (const quad of quads) {
-      for (const turn of turns) {
+      for (const turn of this.#turns) {
         const fit = yield* proposer.firstFit(rolled(quad, turn));
         if (fit === null) continue;
         const { evidence } = proposer.surestIn(fit.corners, fit.layout);
