@@ -30,8 +30,9 @@ BAND_WAVES, QUIET_WAVES = 4, 2
 """Largest number of frequencies at which power is measured in either band."""
 FINE_PX, COARSE_PX = 1.0, 4.0
 """Standard deviations, in pixels of the maps, of the band of sizes that is looked at."""
-SMOOTH_PX = 7.0
-"""Standard deviation, in pixels of the maps, over which power is averaged."""
+SMOOTH_PX, LEAST_POWER = 7.0, 0.05
+"""Standard deviation, in pixels of the maps, over which power is averaged, and the share of its median
+that is added everywhere."""
 CEILING = 1.5
 """Logarithm of power over the usual, above which more does not count."""
 EVEN_PX = 9.0
@@ -152,7 +153,7 @@ class ToggleMap:
                 for part in (weight.real, weight.imag)
             )
             power = cv2.GaussianBlur(real**2 + imaginary**2, (0, 0), SMOOTH_PX)
-            power += 0.05 * float(np.median(power)) + 1e-6
+            power += LEAST_POWER * float(np.median(power)) + 1e-6
             self._logs[number] = np.asarray(np.log(power), np.float32)
 
 

@@ -772,6 +772,36 @@ PAGE int outlines(const Plane &mask, int closed, int opened, double area, const 
   return 1;
 }
 
+// Finds the logarithm of the smoothed power of frames, a row of bytes each, along a wave, whose real and
+// imaginary part are a row each: of details between two sizes, more than a share of the median power.
+PAGE void logPower(const Plane &frames, const Plane &wave, double fine, double coarse, double smooth,
+                   double least, const Plane &to) {
+  const int pixels = frames.width;
+  Mat sums = Mat::zeros(2, pixels, CV_32F), large(to.height, to.width, CV_32F), now;
+  for (int t = 0; t < frames.height; t++) {
+    frames.mat().row(t).convertTo(now, CV_32F);
+    for (int part = 0; part < 2; part++) {
+      const float weight = wave.numbers()[part * wave.width + t], *from = now.ptr<float>();
+      float *sum = sums.ptr<float>(part);
+      for (int i = 0; i < pixels; i++) sum[i] += weight * from[i];
+    }
+  }
+  to.mat() = 0;
+  for (int part = 0; part < 2; part++) {
+    const Plane sum{sums.ptr(part), CV_32F, to.width, to.height};
+    blurred(sum, coarse, BORDER_DEFAULT, {large.data, CV_32F, to.width, to.height});
+    blurred(sum, fine, BORDER_DEFAULT, sum);
+    subtract(sum.mat(), large, large);
+    accumulateSquare(large, to.mat());
+  }
+  blurred(to, smooth, BORDER_DEFAULT, to);
+  float *power = static_cast<float *>(to.data), *const middle = large.ptr<float>() + pixels / 2;
+  std::copy_n(power, pixels, large.ptr<float>());
+  std::nth_element(large.ptr<float>(), middle, large.ptr<float>() + pixels);
+  const float more = least * *middle + 1e-6;
+  for (int i = 0; i < pixels; i++) power[i] = std::log(power[i] + more);
+}
+
 // Sums a map, so many times smaller, within four points; minus infinity if they are not convex.
 static double sumWithin(const Mat &gain, const Point2d *quad, double smaller) {
   Point2f corners[4];

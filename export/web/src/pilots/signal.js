@@ -9,7 +9,7 @@
 
 import { pilotsSignal } from "../generated/constants.js";
 import { call, floatPlane, rowsOf } from "../image/opencv.js";
-import { MOST_SPAN, spanOf, waves } from "./waves.js";
+import { MOST_SPAN, rowsOfWaves, spanOf, waves } from "./waves.js";
 
 /** @typedef {Plane<Uint8Array | Float32Array>} AnyPlane */
 /** @typedef {import("./waves.js").Wave} Wave */
@@ -179,17 +179,6 @@ export function pilotEvidence(values, layout, at) {
   const paid = Math.log(frequencies * PHASE_SLOPES.length);
   const chance = ((pilots - 2) / 2) * Math.log(unexplained) + paid;
   return { evidence: Math.max(0, -chance), frequency: best };
-}
-
-/** Write waves one below the other, a row for each part. @param {Wave[]} waves */
-function rowsOfWaves(waves) {
-  const { length } = waves[0].real;
-  const data = new Float64Array(2 * length * waves.length);
-  waves.forEach(({ real, imaginary }, i) => {
-    data.set(real, 2 * i * length);
-    data.set(imaginary, (2 * i + 1) * length);
-  });
-  return { width: length, height: 2 * waves.length, data };
 }
 
 /**

@@ -11,17 +11,17 @@
 import { pilotsSearchToggleMap } from "../../generated/constants.js";
 import { blurred } from "../../image/blur.js";
 import { Copies } from "../../image/copies.js";
-import { call } from "../../image/opencv.js";
+import { call, floatPlane } from "../../image/opencv.js";
 import { roundHalfEven } from "../../image/round.js";
 import { resizeArea } from "../../image/shrink.js";
 import { homographyFromCorners, pixelsInOne } from "../../link/geometry.js";
 import { median, quantile } from "../../link/order.js";
 import { quadOf, upright } from "../../locate/quads.js";
-import { alongWave, spanOf, waves } from "../waves.js";
+import { rowsOfWaves, spanOf, waves } from "../waves.js";
 
 export const {
-  SLOWEST, BAND, QUIET, BAND_WAVES, QUIET_WAVES, FINE_PX, COARSE_PX, SMOOTH_PX, CEILING, EVEN_PX,
-  LEAST_EXCESS, CLEAR_QUANTILE, FAINT, EDGE_SHARE, CLOSED_PX, OPENED_PX, FIT_PX, FIT_STEPS,
+  SLOWEST, BAND, QUIET, BAND_WAVES, QUIET_WAVES, FINE_PX, COARSE_PX, SMOOTH_PX, LEAST_POWER, CEILING,
+  EVEN_PX, LEAST_EXCESS, CLEAR_QUANTILE, FAINT, EDGE_SHARE, CLOSED_PX, OPENED_PX, FIT_PX, FIT_STEPS,
   LEAST_SHARE,
 } = pilotsSearchToggleMap;
 
@@ -167,18 +167,19 @@ export class ToggleMap {
     const { span } = spanOf(this.#at);
     const slower = Array.from({ length: SLOWEST - 1 }, (_, periods) => periods / span);
     const [wave] = waves(this.#at, [number / span], slower);
-    const sums = alongWave(this.#stills.map(({ data }) => data), wave);
-    const [real, imaginary] = [sums.real, sums.imaginary].map((sum) =>
-      band({ width, height, data: Float32Array.from(sum) }),
-    );
-    for (let i = 0; i < real.length; i++) {
-      real[i] = real[i] * real[i] + imaginary[i] * imaginary[i];
-    }
-    const power = blurred({ width, height, data: real }, SMOOTH_PX);
-    const least = 0.05 * median(power.data) + 1e-6;
-    for (let i = 0; i < real.length; i++) power.data[i] = Math.log(power.data[i] + least);
+    const power = floatPlane(width, height);
+    const sizes = [FINE_PX, COARSE_PX, SMOOTH_PX, LEAST_POWER];
+    call("logPower", [this.#rows(), rowsOfWaves([wave]), ...sizes], [power]);
     this.#logs.set(number, power);
     return power;
+  }
+
+  /** Write the frames one below the other, a row each. */
+  #rows() {
+    const [width, height] = [this.width * this.height, this.#stills.length];
+    const data = new Uint8Array(width * height);
+    this.#stills.forEach((still, t) => data.set(still.data, t * width));
+    return { width, height, data };
   }
 
   /**
@@ -211,18 +212,6 @@ function spread(rate, [first, last], fastest, most) {
   const step = (high - low) / (most - 1);
   const numbers = Array.from({ length: most }, (_, i) => roundHalfEven(low + i * step));
   return [...new Set(numbers)];
-}
-
-/**
- * Keep details of the sizes between `FINE_PX` and `COARSE_PX`.
- *
- * @param {FloatPlane} plane
- */
-function band(plane) {
-  const { data } = blurred(plane, FINE_PX);
-  const coarse = blurred(plane, COARSE_PX).data;
-  for (let i = 0; i < data.length; i++) data[i] -= coarse[i];
-  return data;
 }
 
 /**
