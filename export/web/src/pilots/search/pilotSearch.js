@@ -42,7 +42,7 @@ const [PATIENCE_S, MOST_DOUBLED] = [2, 3];
  * Units of work (`steps.js`) from which on a frame from a file has had its share: while the display is
  * looked for, and while a proposal is being settled.
  */
-export const [FRAME_WORK, SETTLING_WORK] = [32, 88];
+export const [FRAME_WORK, SETTLING_WORK] = [30, 88];
 /**
  * Time, in milliseconds, after which a frame of a camera that does not wait has had its share.
  */
