@@ -120,7 +120,6 @@ class PilotSearch:
             watch.add(watch.first)
             self._work = self._search(watch)
         watch.held.append(newest)
-        watch.seen += 1
         if len(watch.frames) < watch.window:
             watch.add(newest)
         else:
@@ -202,7 +201,7 @@ class PilotSearch:
     @property
     def _turns(self) -> tuple[int, ...]:
         """Turns of quadrilaterals that are proposed late: fewer in searches after one in vain."""
-        return ANY_TURN[(self._failed - 1) % 2 :][:1] if self._failed else ANY_TURN
+        return (ANY_TURN[(self._failed - 1) % 2],) if self._failed else ANY_TURN
 
     def _glance(
         self, quads: Sequence[Array], proposer: Proposer, watch: Watch, count: int | None = None
@@ -236,12 +235,12 @@ class PilotSearch:
         """
         for quad, turn in product(quads, self._turns):
             fit = yield from proposer.first_fit(np.roll(quad, -turn, axis=0))
-            evidence = 0.0 if fit is None else proposer.surest_in(fit.corners, [fit.layout])[0]
+            if fit is None:
+                continue
+            evidence, _ = proposer.surest_in(fit.corners, [fit.layout])
             yield None
-            if fit is not None and evidence > HINT:
-                found = yield from self._settle(fit, evidence, watch)
-                if found is not None:
-                    return found
+            if evidence > HINT and (found := (yield from self._settle(fit, evidence, watch))):
+                return found
         return None
 
     def _weigh_and_settle(self, proposal: Proposal, watch: Watch) -> Search:

@@ -133,11 +133,11 @@ def settle(
         k = yield from _through_lens(fit, start, frames[0])
         if k:
             best, known = _moved(start, fit), {}
-    seen = 0
+    newest = None
     while not toggling.clear and len(watch.later) < watch.confirming:
         yield None
-        if watch.seen > seen:  # frames that have come meanwhile tell more of the clock
-            seen = watch.seen
+        if newest is not watch.held[-1]:  # frames that have come meanwhile tell more of the clock
+            newest = watch.held[-1]
             _, toggling = weigh(best, [*watch.frames, *watch.later], watch.fps, known)
     return Settled(replace(best, toggling=toggling), evidence, k)
 

@@ -31,8 +31,8 @@ BAND_WAVES, QUIET_WAVES = 4, 2
 FINE_PX, COARSE_PX = 1.0, 4.0
 """Standard deviations, in pixels of the maps, of the band of sizes that is looked at."""
 SMOOTH_PX, LEAST_POWER = 7.0, 0.05
-"""Standard deviation, in pixels of the maps, over which power is averaged, and the share of its median
-that is added everywhere."""
+"""Standard deviation, in pixels of the maps, over which power is averaged, and the share of its
+median that is added everywhere."""
 CEILING = 1.5
 """Logarithm of power over the usual, above which more does not count."""
 EVEN_PX = 9.0

@@ -58,8 +58,6 @@ class Watch:
         """The newest frames after those watched, no more than needed."""
         self.held = deque([self.first], maxlen=max(LEAST_HELD, round(HELD_S * fps)))
         """The newest frames of all."""
-        self.seen = 0
-        """Number of frames after the reference."""
         self.map = ToggleMap()
         """What toggles in the frames watched."""
         self.fps = fps

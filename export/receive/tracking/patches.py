@@ -31,10 +31,9 @@ QUICK_WORK, SLOW_WORK = 60, 8
 """Units of work (`link.code.steps`) after which a frame takes no further step of a search: of the
 first one after the display was lost or the image has changed, and of later ones, so that there is
 time for other trackers."""
-SAVED_WORK, MOST_SAVED = 4, 420
+SAVED_WORK, MOST_SAVED = 4, 600
 """Units of work that each frame saves for quick searches, and how much is saved at most: a whole
-search. A quick search that has used up what was saved goes on slowly: some images change all the
-time."""
+search. Where an image changes all the time, quick searches use it up, and go on slowly."""
 THUMBNAIL_PX = 32
 """Width and height, in pixels, of the thumbnails that tell whether the image has changed."""
 CHANGED_LEVELS, CHANGED_SHARE = 16.0, 0.03
