@@ -184,7 +184,7 @@ class Proposer:
         return max(found, key=lambda each: each[0])
 
     def first_fit(self, quad: Array) -> Generator[None, None, Proposal | None]:
-        """Fit layouts, one in a step and either side up, to a quadrilateral that may be far off.
+        """Fit every layout, either side up, to a quadrilateral that may be far off, in steps.
 
         Args:
             quad: (4, 2) pixels of the reference frame.
@@ -211,7 +211,8 @@ class Proposer:
                     if fit is not None and (best is None or fit[1] > best[0]):
                         corners = np.roll(moved_corners(quad, fit[0], layout), -turn, axis=0)
                         best = fit[1], Proposal(corners, layout, toggling)
-            yield None
+                if turn or not plain:  # clocks take time of their own
+                    yield None
         return None if best is None else best[1]
 
 

@@ -773,7 +773,8 @@ PAGE int outlines(const Plane &mask, int closed, int opened, double area, const 
 }
 
 // Finds the logarithm of the smoothed power of frames, a row of bytes each, along a wave, whose real and
-// imaginary part are a row each: of details between two sizes, more than a share of the median power.
+// imaginary part are a row each. Only details between two sizes count, and a share of the median power
+// is added everywhere.
 PAGE void logPower(const Plane &frames, const Plane &wave, double fine, double coarse, double smooth,
                    double least, const Plane &to) {
   const int pixels = frames.width;
