@@ -144,11 +144,25 @@ export function planeLike({ data }, width, height) {
 /**
  * Write arrays one below the other.
  *
+ * @template {Numbers} [Samples=Float32Array<ArrayBuffer>]
  * @param {readonly ArrayLike<number>[]} arrays - of one length
- * @returns {Plane<Float32Array<ArrayBuffer>>} a row for each
+ * @param {new (length: number) => Samples} [Type] - of the samples
+ * @returns {Plane<Samples>} a row for each
  */
-export function rowsOf(arrays) {
-  const rows = floatPlane(arrays[0].length, arrays.length);
-  arrays.forEach((values, i) => rows.data.set(values, i * rows.width));
-  return rows;
+export function rowsOf(arrays, Type = /** @type {any} */ (Float32Array)) {
+  const width = arrays[0].length;
+  const height = arrays.length;
+  const data = new Type(width * height);
+  arrays.forEach((values, i) => data.set(values, i * width));
+  return { width, height, data };
+}
+
+/**
+ * Take the rows of a plane, as `rowsOf` writes them.
+ *
+ * @param {Plane<Float32Array>} plane - whose samples the rows share
+ * @returns {Float32Array[]}
+ */
+export function arraysOf({ width, height, data }) {
+  return Array.from({ length: height }, (_, y) => data.subarray(y * width, (y + 1) * width));
 }

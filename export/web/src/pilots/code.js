@@ -92,11 +92,7 @@ export class CodeSearch {
     this.waves = floatPlane(count, times.length);
     this.#energy = new Float32Array(count);
     const periods = Float64Array.from(this.#hz, (hz) => second / hz);
-    const drifts = {
-      width: times.length,
-      height: this.#drifts.length,
-      data: Float64Array.from(this.#drifts.flatMap((drift) => [...drift])),
-    };
+    const drifts = rowsOf(this.#drifts, Float64Array);
     call(
       "codeWaves",
       [since, drifts, periods, this.#shutter, code.signs, PHASES],

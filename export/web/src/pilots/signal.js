@@ -8,7 +8,7 @@
  */
 
 import { pilotsSignal } from "../generated/constants.js";
-import { call, floatPlane, rowsOf } from "../image/opencv.js";
+import { arraysOf, call, floatPlane, rowsOf } from "../image/opencv.js";
 import { MOST_SPAN, rowsOfWaves, spanOf, waves } from "./waves.js";
 
 /** @typedef {Plane<Uint8Array | Float32Array>} AnyPlane */
@@ -81,12 +81,7 @@ export function picked(values, numbers) {
 export function standingOut(views, { rows, cols }) {
   const blocks = floatPlane(rows * cols, views.length);
   call("standingOut", [rowsOf(views.map(({ data }) => data)), views[0].width, cols], [blocks]);
-  return linesOf(blocks);
-}
-
-/** Take the rows of a plane. @param {FloatPlane} plane @returns {Float32Array[]} */
-function linesOf({ width, height, data }) {
-  return Array.from({ length: height }, (_, y) => data.subarray(y * width, (y + 1) * width));
+  return arraysOf(blocks);
 }
 
 /** What brings all pilots into one phase, if their phases slope. @type {WeakMap<Layout, Wave[]>} */
@@ -207,5 +202,5 @@ export function commonPhase(real, imaginary, layout) {
 export function overDeviation(values) {
   const over = floatPlane(values[0].length, values.length);
   call("overDeviation", [rowsOf(values), LEAST_DEVIATION], [over]);
-  return linesOf(over);
+  return arraysOf(over);
 }

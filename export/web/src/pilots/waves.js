@@ -9,6 +9,7 @@
  */
 
 import { pilotsWaves } from "../generated/constants.js";
+import { rowsOf } from "../image/opencv.js";
 import { roundHalfEven } from "../image/round.js";
 import { median } from "../link/order.js";
 
@@ -162,14 +163,8 @@ export function alongWave(values, wave) {
  * Write waves one below the other.
  *
  * @param {readonly Wave[]} waves - of one length
- * @returns {import("../image/opencv.js").Plane<Float64Array>} a row for each real and each imaginary part
+ * @returns {Plane<Float64Array>} a row for each real and each imaginary part
  */
 export function rowsOfWaves(waves) {
-  const { length } = waves[0].real;
-  const data = new Float64Array(2 * length * waves.length);
-  waves.forEach(({ real, imaginary }, i) => {
-    data.set(real, 2 * i * length);
-    data.set(imaginary, (2 * i + 1) * length);
-  });
-  return { width: length, height: 2 * waves.length, data };
+  return rowsOf(waves.flatMap(({ real, imaginary }) => [real, imaginary]), Float64Array);
 }

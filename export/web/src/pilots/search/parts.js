@@ -8,7 +8,7 @@
  */
 
 import { pilotsSearchParts } from "../../generated/constants.js";
-import { call, floatPlane, rowsOf } from "../../image/opencv.js";
+import { arraysOf, call, floatPlane, rowsOf } from "../../image/opencv.js";
 import { fitMotion } from "../../image/points.js";
 import { areaMeans } from "../../image/shrink.js";
 import { resizedHomography, transform } from "../../link/geometry.js";
@@ -95,11 +95,9 @@ function matchParts(maps, [width, height], blocks, { rows, cols }, reach, [down,
   const each = (2 * reach[0] + 1) * (2 * reach[1] + 1);
   const found = floatPlane(down * across * each, maps.length);
   call("matchParts", [rowsOf(maps), width, ...span, expected, ...ends, ...reach], [found]);
+  const ofMaps = arraysOf(found);
   return Array.from({ length: down * across }, (_, part) =>
-    maps.map((_, map) => {
-      const start = map * found.width + part * each;
-      return found.data.subarray(start, start + each);
-    }),
+    ofMaps.map((matches) => matches.subarray(part * each, (part + 1) * each)),
   );
 }
 

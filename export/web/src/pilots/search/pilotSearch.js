@@ -81,7 +81,7 @@ export class PilotSearch {
   #failed = 0;
   /** Largest evidence of a quadrilateral in this search, before it pays. */
   #surestSeen = 0;
-  /** Whether a proposal is being settled, which is finished. */
+  /** Whether a proposal is being settled; until that is done, no search is given up. */
   #isSettling = false;
   /** What is looked at; null before the first frame. @type {Watch | null} */
   #watch = null;
@@ -108,7 +108,7 @@ export class PilotSearch {
     return this.frameMs < Infinity;
   }
 
-  /** Units of work from which on a frame has had its share; before such a camera, time ends the work. */
+  /** Units of work from which on a frame has had its share; where frames do not wait, time ends it. */
   get #share() {
     if (this.#isLive) return Infinity;
     return this.#isSettling ? SETTLING_WORK : FRAME_WORK;

@@ -11,7 +11,7 @@
 import { pilotsSearchToggleMap } from "../../generated/constants.js";
 import { blurred } from "../../image/blur.js";
 import { Copies } from "../../image/copies.js";
-import { call, floatPlane } from "../../image/opencv.js";
+import { call, floatPlane, rowsOf } from "../../image/opencv.js";
 import { roundHalfEven } from "../../image/round.js";
 import { resizeArea } from "../../image/shrink.js";
 import { homographyFromCorners, pixelsInOne } from "../../link/geometry.js";
@@ -169,17 +169,10 @@ export class ToggleMap {
     const [wave] = waves(this.#at, [number / span], slower);
     const power = floatPlane(width, height);
     const sizes = [FINE_PX, COARSE_PX, SMOOTH_PX, LEAST_POWER];
-    call("logPower", [this.#rows(), rowsOfWaves([wave]), ...sizes], [power]);
+    const frames = rowsOf(this.#stills.map(({ data }) => data), Uint8Array);
+    call("logPower", [frames, rowsOfWaves([wave]), ...sizes], [power]);
     this.#logs.set(number, power);
     return power;
-  }
-
-  /** Write the frames one below the other, a row each. */
-  #rows() {
-    const [width, height] = [this.width * this.height, this.#stills.length];
-    const data = new Uint8Array(width * height);
-    this.#stills.forEach((still, t) => data.set(still.data, t * width));
-    return { width, height, data };
   }
 
   /**
