@@ -33,7 +33,7 @@ first one after the display was lost or the image has changed, and of later ones
 time for other trackers."""
 SAVED_WORK, MOST_SAVED = 4, 600
 """Units of work that each frame saves for quick searches, and how much is saved at most: a whole
-search. Where an image changes all the time, quick searches use it up, and go on slowly."""
+search. Where an image changes all the time, none begins until the one before has been saved."""
 THUMBNAIL_PX = 32
 """Width and height, in pixels, of the thumbnails that tell whether the image has changed."""
 CHANGED_LEVELS, CHANGED_SHARE = 16.0, 0.03
@@ -139,7 +139,7 @@ class Tracker(DisplayTracker):
     def _forget(self) -> None:
         """Follow nothing any more."""
         self._follower.forget()
-        self._search, self._is_quick, self._saved = None, True, MOST_SAVED
+        self._search, self._is_quick = None, True
 
     def follow(self, image: Image, time: float) -> Tracked | None:
         """Find the display in the next frame, or return None where it is not in view."""
@@ -199,15 +199,14 @@ class Tracker(DisplayTracker):
     def _work_limit(self, image: NDArray[np.uint8]) -> int:
         """Say after how many units of work this frame takes no further step of the search."""
         self._saved = min(self._saved + SAVED_WORK, MOST_SAVED)
-        if not self._is_quick and self._has_changed(image):
+        if not self._is_quick and self._saved > 0 and self._has_changed(image):
             # what was looked at is no longer what is seen
             self._search, self._is_quick = self._begun(image), True
         if not self._is_quick:
             return SLOW_WORK
         self._thumbnail = None
-        limit = max(SLOW_WORK, min(QUICK_WORK, self._saved))
-        self._saved = max(0, self._saved - limit)
-        return limit
+        self._saved -= QUICK_WORK
+        return QUICK_WORK
 
     def _has_changed(self, image: NDArray[np.uint8]) -> bool:
         """Tell whether a frame differs from the one with which the slow searches began."""

@@ -49,7 +49,7 @@ def test_a_place_that_was_set_aside_is_passed_over_for_a_time() -> None:
     assert all(any(is_at(corners, [place]) for corners in found) for place in both)
     tracker.set_aside(4.0, forget=True)
     assert tracker.follow(wall, 4.1) is None
-    assert any(tracker.follow(wall, 4.1 + ASIDE_S + number / 30) for number in range(60))
+    assert any(tracker.follow(wall, 4.1 + ASIDE_S + number / 30) for number in range(20))
 
 
 @pytest.mark.slow

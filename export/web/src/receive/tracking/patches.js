@@ -133,7 +133,6 @@ export class Tracker {
     this.#follower.forget();
     this.#search = null;
     this.#isQuick = true;
-    this.#saved = MOST_SAVED;
   }
 
   /**
@@ -248,16 +247,15 @@ export class Tracker {
    */
   #workLimit(image) {
     this.#saved = Math.min(this.#saved + SAVED_WORK, MOST_SAVED);
-    if (!this.#isQuick && this.#hasChanged(image)) {
+    if (!this.#isQuick && this.#saved > 0 && this.#hasChanged(image)) {
       // what was looked at is no longer what is seen
       this.#search = this.#begun(image);
       this.#isQuick = true;
     }
     if (!this.#isQuick) return SLOW_WORK;
     this.#thumbnail = null;
-    const limit = Math.max(SLOW_WORK, Math.min(QUICK_WORK, this.#saved));
-    this.#saved = Math.max(0, this.#saved - limit);
-    return limit;
+    this.#saved -= QUICK_WORK;
+    return QUICK_WORK;
   }
 
   /**
