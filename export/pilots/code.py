@@ -34,7 +34,7 @@ NO_SLOPE = len(DELAYS_S) // 2
 """Number of the slope at which the whole display is exposed at once."""
 SIDES = 4
 """Number of parts along each side of the display that are each taken to be exposed at once."""
-COMPARED = 64
+COMPARED = 16
 """Largest number of a part's series that are compared with all clocks."""
 RIVAL = 2
 """Distance of clocks in the newest frame, in states, from which they are rivals."""
@@ -135,8 +135,9 @@ class CodeSearch:
             count: number of clocks, none of them within a state of another.
         """
         shape = len(self._hz), self._steps
-        sums = (self._signs_within @ np.asarray(values, np.float32).T) @ self.waves.T
-        sums = sums.reshape(2, SIDES, *shape)  # (2, SIDES, H) -> (2, SIDES, rates, phases)
+        series = self._signs_within @ np.asarray(values, np.float32).T
+        sums = series.reshape(2 * SIDES, -1) @ self.waves.T  # (2, SIDES, T) -> (parts, T)
+        sums = sums.reshape(2, SIDES, *shape)  # (parts, H) -> (2, SIDES, rates, phases)
         gain, slopes = np.zeros(shape), np.zeros(shape, np.intp)
         along = np.maximum(_turning(sums)[self._parts].sum(axis=1), 0)
         for at, explained in enumerate(along**2 / (self._powers + 1e-9)):

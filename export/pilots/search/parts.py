@@ -6,6 +6,7 @@ is fitted to their shifts (`coarse_shift`). Where corners are off by less than a
 display is fitted at once (`export.pilots.search.all_blocks`).
 """
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from itertools import pairwise, product
 from math import ceil
@@ -104,6 +105,36 @@ def _match_parts(
         for each in around
     ]
     return np.reshape(matches, (*parts, len(around), 2 * y + 1, 2 * x + 1))
+
+
+def _match_blocks(
+    around: Sequence[Map],
+    blocks: NDArray[np.floating],
+    reach: list[int],
+    parts: tuple[int, int],
+) -> NDArray[np.float32]:
+    """Match each part of rough maps (`ROUGH_PX`) by its known blocks, of which there are few.
+
+    Args:
+        around: T maps, each with a border of ``reach`` on all sides.
+        blocks: (rows, cols) expected change of each block, 0 where it is not known.
+        reach: largest shift along x and y, pixels of the maps.
+        parts: number of parts from top to bottom and from left to right.
+
+    Returns:
+        (rows, cols, T, y, x) of the parts.
+    """
+    x, y = (2 * each + 1 for each in reach)
+    square = ROUGH_PX, ROUGH_PX
+    sums = [cv2.boxFilter(each, -1, square, anchor=(0, 0), normalize=False) for each in around]
+    frames_last = np.ascontiguousarray(np.moveaxis(np.array(sums), 0, -1))
+    matches = np.zeros((*parts, y, x, len(around)), np.float32)
+    ys, xs = _ends([ROUGH_PX * count for count in blocks.shape], parts)
+    for top, left in ROUGH_PX * np.argwhere(blocks):
+        match = matches[bisect_right(ys, top) - 1, bisect_right(xs, left) - 1]
+        add = np.add if blocks[top // ROUGH_PX, left // ROUGH_PX] > 0 else np.subtract
+        add(match, frames_last[top : top + y, left : left + x], out=match)
+    return np.moveaxis(matches, -1, 2)
 
 
 def _joined(smallest: NDArray[np.float32], parts: tuple[int, int]) -> NDArray[np.float32]:
@@ -230,7 +261,7 @@ def shifted_togglings(
     block = np.array([width / layout.cols, height / layout.rows])
     reach = _reach(width, block, far=True)
     around = [_bordered(view, block, reach) for view in series]
-    smallest = _match_parts(around, _drawn(blocks, (width, height)), reach, PARTS[1])
+    smallest = _match_blocks(around, blocks, reach, PARTS[1])
     search = code_search(layout, layout.code, tuple(at), fps)
     found: list[TogglePattern] = []
     for parts in PARTS[1:]:

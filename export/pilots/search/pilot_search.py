@@ -1,52 +1,34 @@
 """Find a display by its pilots, over some frames of a film: nothing visible marks it.
 
-The frames of some tenths of a second are held still against the camera's motion (`stabilise`).
-Edges and what toggles (`toggle_map`) propose where the display may be. Corners then move to where
-the pilots fit the grid, and the display is believed if its blocks toggle with the pilots' signs
-beyond doubt (`settle`). That also tells which way up it is and which of several grids it shows.
+A search looks at a window of some tenths of a second (`window_search`). While it does, the frames
+of the next window are watched, so that a display which comes late need not wait for its end.
 
-Where something toggled like a display and none was sure, the next search takes the picture for one
+Where something toggled like a display and none was sure, the next window takes the picture for one
 that moves, as a video does, and holds the room still alone. The work is cut into steps, one or two
 for each frame, so that no frame takes long.
 """
 
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
-
-import numpy as np
+from math import ceil
 
 from export.pilots.clock import DisplayClock
 from export.pilots.search.film import HeldFrame
-from export.pilots.search.proposals import (
-    CANDIDATES,
-    CLEAREST,
-    FRAME_SHARE,
-    PROMISING,
-    STRONGEST,
-    Proposal,
-    Proposer,
-    inset,
-    weigh,
-)
-from export.pilots.search.settle import HINT, Settled, settle
-from export.pilots.search.watch import Watch
+from export.pilots.search.settle import Settled
+from export.pilots.search.watch import NEXT_FRAME, Watch
+from export.pilots.search.window_search import ANY_TURN, WindowSearch
 from link.errors import InputError
 from link.images import as_gray
 from link.layout import Layout
 from link.pilot_code import PLAIN
-from link.types import Array, Corners, Image
+from link.types import Corners, Image
 
-GLANCES = 2
-"""Number of quadrilaterals that are glanced at in one step."""
+WINDOWS = 2
+"""Largest number of windows in which a display is looked for at once: in one, while the next one is
+watched."""
 STEPS_HZ = 60.0
 """Number of steps of the search that are done in a second, at least: the frames of a slow camera
-leave time for several."""
-ANY_TURN = 0, 1
-"""Quarter turns after which quadrilaterals are tried upright and upside down, so that any of their
-sides may be up. Where one search was in vain, the next ones try them by turns."""
-Search = Generator[None, None, Settled | None]
-"""Steps of the search, which end with the display that is sure, or None."""
+leave time for several. What is proposed late takes half of them."""
 
 
 @dataclass(frozen=True)
@@ -87,11 +69,10 @@ class PilotSearch:
         self._steps = max(1, round(STEPS_HZ / fps))
         self._coded = any(layout.code != PLAIN for layout in layouts)
         self.picture_moves = False
-        """Whether displays are looked for whose picture moves (`doubt_picture`)."""
+        """Whether the picture moves of the display that was found; before one is, whether pictures
+        move in the next window."""
         self._failed = 0
-        self._surest_seen = 0.0
-        self._watch: Watch | None = None
-        self._work: Search | None = None
+        self._windows: list[WindowSearch] = []
 
     def push(self, image: Image, time: float) -> PilotDisplay | None:
         """Take the next frame.
@@ -103,50 +84,62 @@ class PilotSearch:
         Returns:
             the display once it is sure, else None.
         """
-        gray, watch = as_gray(image), self._watch
-        newest = None if watch is None else watch.next_frame(gray, time)
-        if watch is not None and newest is not None and not watch.is_in_view(newest):
-            self._give_up()
-            newest = None
-        if watch is None or newest is None:
-            longer = 2 if self._failed and self._coded else 1
-            self._watch = Watch(
-                image, time, self._fps, picture_moves=self.picture_moves, longer=longer
-            )
-            self._work = None
-            self._surest_seen = 0.0
-            return None
-        if self._work is None:  # now the film can be held still
-            watch.add(watch.first)
-            self._work = self._search(watch)
-        watch.held.append(newest)
-        if len(watch.frames) < watch.window:
-            watch.add(newest)
-        else:
-            watch.later.append(newest)
-        for _ in range(self._steps):
-            try:
-                next(self._work)
-            except StopIteration as end:
-                return self._ended(end.value, watch)
+        gray = as_gray(image)
+        for window in self._windows:
+            if not window.watch.take(gray, time):
+                self._give_up(window)
+        if len(self._windows) < WINDOWS and all(w.is_late for w in self._windows):
+            self._begin(image, time)
+        left = self._steps
+        for window in sorted(self._windows, key=lambda each: each.is_late):
+            if window.is_late:
+                left = ceil(left / 2)
+            while left > 0:
+                try:
+                    work = next(window.steps)
+                except StopIteration as end:
+                    return self._ended(end.value, window)
+                if work == NEXT_FRAME:
+                    break
+                left -= work
         return None
 
     def doubt_picture(self) -> None:
         """Take the picture for one that moves, or no longer for one, from the next search on."""
         self.picture_moves = not self.picture_moves
 
-    def _give_up(self) -> None:
-        """Choose how the next search begins after one in vain."""
-        self.picture_moves = not self.picture_moves and self._surest_seen > PROMISING
+    def _begin(self, image: Image, time: float) -> None:
+        """Begin a window with a frame.
 
-    def _ended(self, settled: Settled | None, watch: Watch) -> PilotDisplay | None:
-        """Say what a search has found, and choose how the next one begins."""
-        self._watch = None
+        After one in vain, windows of coded displays are longer, and what is proposed late is tried
+        upright and sideways by turns.
+        """
+        number = self._failed + len(self._windows)
+        watch = Watch(
+            image,
+            time,
+            self._fps,
+            picture_moves=self.picture_moves or any(w.is_doubtful for w in self._windows),
+            longer=2 if number and self._coded else 1,
+        )
+        turns = (ANY_TURN[(number - 1) % 2],) if number else ANY_TURN
+        self._windows.append(WindowSearch(watch, self.layouts, turns))
+        self.picture_moves = False
+
+    def _give_up(self, window: WindowSearch) -> None:
+        """Drop a window. Where something toggled in it like a display, the next picture moves."""
+        others = [each for each in self._windows if each is not window]
+        self.picture_moves = window.is_doubtful and not any(o.watch.picture_moves for o in others)
+        self._windows = [] if self.picture_moves else others
+
+    def _ended(self, settled: Settled | None, window: WindowSearch) -> PilotDisplay | None:
+        """Say what was found in a window, and choose how the next one begins."""
+        watch = window.watch
         if settled is None:
             self._failed += 1
-            self._give_up()
+            self._give_up(window)
             return None
-        self._failed = 0
+        self._failed, self._windows, self.picture_moves = 0, [], watch.picture_moves
         proposal, (*held, newest) = settled.proposal, watch.held
         return PilotDisplay(
             layout=proposal.layout,
@@ -157,99 +150,3 @@ class PilotSearch:
             clock=proposal.toggling.clock_in_seconds(self._fps, watch.first.time),
             held=tuple(held),
         )
-
-    def _search(self, watch: Watch) -> Search:
-        """Look for the display in the film that follows the reference.
-
-        Edges are glanced at after half of the window and after each quarter. Once all frames have
-        been watched, other quadrilaterals are, and the pilots are fitted to those that probably
-        bound a display, if not exactly.
-        """
-        proposer = Proposer(watch, self.layouts, self._fps)
-        edges = proposer.edges
-        count, seen = watch.window // 2, 0
-        while seen < watch.window:
-            while len(watch.frames) < min(count, watch.window):
-                for quad in edges:
-                    watch.places(quad, len(watch.frames))  # each frame does its own share
-                yield None
-            seen = len(watch.frames)
-            count = seen + watch.window // 4
-            if found := (yield from self._glance(edges, proposer, watch, seen)):
-                return found
-        faint: list[Array] = []
-        for quads in proposer.faint_edges():
-            yield None
-            faint += quads
-            if found := (yield from self._glance(quads, proposer, watch)):
-                return found
-        strongest = [*edges[:STRONGEST], *faint[:1]]
-        if found := (yield from self._fit(strongest, proposer, watch)):
-            return found
-        outlines = yield from proposer.outlines()
-        framed = [inset(quad, FRAME_SHARE) for quad in (*edges, *faint[:CANDIDATES])]
-        if found := (yield from self._glance([*outlines, *framed], proposer, watch)):
-            return found
-        glances = proposer.glances()
-        for proposal in [proposal for evidence, proposal, _ in glances if evidence > HINT]:
-            if found := (yield from self._weigh_and_settle(proposal, watch)):
-                return found
-        tried = {id(quad) for quad in strongest}
-        clearest = [quad for _, _, quad in glances if id(quad) not in tried][:CLEAREST]
-        return (yield from self._fit([*clearest, *outlines], proposer, watch))
-
-    @property
-    def _turns(self) -> tuple[int, ...]:
-        """Turns of quadrilaterals that are proposed late: fewer in searches after one in vain."""
-        return (ANY_TURN[(self._failed - 1) % 2],) if self._failed else ANY_TURN
-
-    def _glance(
-        self, quads: Sequence[Array], proposer: Proposer, watch: Watch, count: int | None = None
-    ) -> Search:
-        """Glance at quadrilaterals, and settle each that is promising.
-
-        Args:
-            quads: (4, 2) pixels of the reference frame each, the likeliest first.
-            proposer: glances at them.
-            watch: the film.
-            count: as `Watch.places` takes it; None for those that are proposed late.
-        """
-        turns = self._turns if count is None else ANY_TURN
-        for number, quad in enumerate(quads):
-            evidence, proposal = proposer.glance(quad, turns, count)
-            if evidence > PROMISING and (
-                found := (yield from self._weigh_and_settle(proposal, watch))
-            ):
-                return found
-            if number % GLANCES == GLANCES - 1:
-                yield None
-        return None
-
-    def _fit(self, quads: Sequence[Array], proposer: Proposer, watch: Watch) -> Search:
-        """Fit the pilots to quadrilaterals, and settle each fit that is a hint.
-
-        Args:
-            quads: (4, 2) pixels of the reference frame each, the likeliest first.
-            proposer: fits the pilots.
-            watch: the film.
-        """
-        for quad, turn in product(quads, self._turns):
-            fit = yield from proposer.first_fit(np.roll(quad, -turn, axis=0))
-            if fit is None:
-                continue
-            evidence, _ = proposer.surest_in(fit.corners, [fit.layout])
-            yield None
-            if evidence > HINT and (found := (yield from self._settle(fit, evidence, watch))):
-                return found
-        return None
-
-    def _weigh_and_settle(self, proposal: Proposal, watch: Watch) -> Search:
-        """Weigh a proposal by all frames so far, and settle it."""
-        evidence, _ = weigh(proposal, watch.frames, self._fps)
-        yield None
-        return (yield from self._settle(proposal, evidence, watch))
-
-    def _settle(self, proposal: Proposal, evidence: float, watch: Watch) -> Search:
-        """Settle a proposal with this evidence in all frames so far, before it pays."""
-        self._surest_seen = max(self._surest_seen, evidence)
-        return (yield from settle(proposal, evidence, watch))

@@ -1,6 +1,6 @@
 """Where a display may be, what it may show, and how surely its pilots toggle there."""
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +15,7 @@ from export.pilots.search.parts import COARSE_SIZE, coarse_shift, rough_series, 
 from export.pilots.search.watch import Watch
 from export.pilots.signal import expected_changes, pilot_values, standing_out
 from export.pilots.toggling import TogglePattern, Wave, find_toggling
+from link.code.steps import Steps
 from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import Layout
 from link.pilot_code import PLAIN
@@ -126,12 +127,12 @@ class Proposer:
             found = display_candidates(even, CANDIDATES)
             yield [self._watch.on_image(candidate.corners) for candidate in found]
 
-    def outlines(self) -> Generator[None, None, list[Array]]:
+    def outlines(self) -> Steps[list[Array]]:
         """Propose quadrilaterals, (4, 2) pixels of the reference, that bound what toggles."""
         outlines = []
         for frequency in self._frequencies:
             outline = self._watch.map.outline(frequency)
-            yield None
+            yield 1
             if outline is not None:
                 outlines.append(self._watch.on_image(outline))
         return outlines
@@ -183,7 +184,7 @@ class Proposer:
                 found.append((evidence, Proposal(up, layout, toggling)))
         return max(found, key=lambda each: each[0])
 
-    def first_fit(self, quad: Array) -> Generator[None, None, Proposal | None]:
+    def first_fit(self, quad: Array) -> Steps[Proposal | None]:
         """Fit every layout, either side up, to a quadrilateral that may be far off, in steps.
 
         Args:
@@ -212,7 +213,7 @@ class Proposer:
                         corners = np.roll(moved_corners(quad, fit[0], layout), -turn, axis=0)
                         best = fit[1], Proposal(corners, layout, toggling)
                 if turn or not plain:  # clocks take time of their own
-                    yield None
+                    yield 1
         return None if best is None else best[1]
 
 

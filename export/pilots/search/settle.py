@@ -1,6 +1,6 @@
 """Move the corners of a proposal to where its pilots fit the grid, and say whether that is sure."""
 
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,9 +12,10 @@ from export.pilots.search.climb import climb_to_pilots
 from export.pilots.search.film import HeldFrame, positions, rectified_views
 from export.pilots.search.parts import COARSE_SIZE, MANY, coarse_shift
 from export.pilots.search.proposals import Proposal, weigh
-from export.pilots.search.watch import Watch
+from export.pilots.search.watch import NEXT_FRAME, Watch
 from export.pilots.signal import expected_changes
 from export.pilots.toggling import over_deviation
+from link.code.steps import Steps
 from link.types import Array
 
 SURE, SURE_SHARE = 16.0, 0.5
@@ -46,7 +47,7 @@ pilots, by all of its blocks, and by these while the lens is found, too."""
 SETTLED_PX = 3.0
 """Distance, in layout pixels, below which a coarse move is the last one."""
 
-Move = Generator[None, None, Array]
+Move = Steps[Array]
 """Steps of work that end with corners, (4, 2) pixels of the reference frame."""
 
 
@@ -66,7 +67,7 @@ def settle(
     proposal: Proposal,
     evidence: float,
     watch: Watch,
-) -> Generator[None, None, Settled | None]:
+) -> Steps[Settled | None]:
     """Move corners to where the pilots fit the grid, step by step, and weigh what they bound.
 
     A move by the pilots is kept only if they then toggle more surely: in a dark picture, parts may
@@ -92,7 +93,7 @@ def settle(
             continue
         moved = replace(best, corners=(yield from move(best, frames)))
         now = weigh(moved, frames, watch.fps)[0] - float(np.log(tried * tries))
-        yield None
+        yield 1
         if now > evidence:
             best, evidence, tried = moved, now, tried * tries
     if evidence < HINT - float(np.log(tried)):
@@ -103,7 +104,7 @@ def settle(
     known: dict[HeldFrame, NDArray[np.float32]] = {}
     now, toggling = weigh(fitted, frames, watch.fps, known)
     now -= float(np.log(tried))
-    yield None
+    yield 1
     evidence = max(evidence, now)
     if evidence < NEARLY * needed:
         return None
@@ -114,16 +115,16 @@ def settle(
     if evidence < certain:  # corners were fitted to these frames; later ones must agree
         for look in LOOKS:
             while len(later := [*watch.frames[used:], *watch.later]) < look * watch.confirming:
-                yield None
+                yield NEXT_FRAME
             agreed = weigh(best, later, watch.fps, known)
             if agreed[0] < CONFIRMED + EARLY * (look < 1):
                 continue
             if evidence < needed:  # all frames say more, unless some were worse than later ones
-                yield None
+                yield 1
                 together = weigh(best, [*frames, *later], watch.fps, known)
                 now, toggling = max(agreed, together, key=lambda weighed: weighed[0])
                 evidence = max(evidence, now - float(np.log(2 * tried)))
-                yield None
+                yield 1
             if evidence >= needed:
                 break
         else:
@@ -133,12 +134,9 @@ def settle(
         k = yield from _through_lens(fit, start, frames[0])
         if k:
             best, known = _moved(start, fit), {}
-    newest = None
     while not toggling.clear and len(watch.later) < watch.confirming:
-        yield None
-        if newest is not watch.held[-1]:  # frames that have come meanwhile tell more of the clock
-            newest = watch.held[-1]
-            _, toggling = weigh(best, [*watch.frames, *watch.later], watch.fps, known)
+        yield NEXT_FRAME  # each frame that comes tells more of the clock
+        _, toggling = weigh(best, [*watch.frames, *watch.later], watch.fps, known)
     return Settled(replace(best, toggling=toggling), evidence, k)
 
 
@@ -151,7 +149,7 @@ def _by_parts(proposal: Proposal, frames: Sequence[HeldFrame]) -> Move:
             break
         line = proposal.toggling.amplitudes(over_deviation(views), positions(frames))
         fit = coarse_shift(line, expected_changes(layout), layout)
-        yield None
+        yield 1
         if fit is None:
             break
         moved = moved_corners(corners, fit[0], layout)
@@ -171,14 +169,12 @@ def _by_climbing(proposal: Proposal, frames: Sequence[HeldFrame]) -> Move:
             break
         line = proposal.toggling.amplitudes(over_deviation(views), positions(frames))
         H_old_from_new = climb_to_pilots(line, layout)
-        yield None
+        yield 1
         corners = moved_corners(corners, H_old_from_new, layout)
     return corners
 
 
-def _by_blocks(
-    proposal: Proposal, frames: Sequence[HeldFrame]
-) -> Generator[None, None, BlockFit | None]:
+def _by_blocks(proposal: Proposal, frames: Sequence[HeldFrame]) -> Steps[BlockFit | None]:
     """Move corners by all blocks at once, to parts of a pixel; None where they are not sound."""
     maps = block_maps(proposal.layout)
     views = []
@@ -189,15 +185,13 @@ def _by_blocks(
         views.append(view)
     fit = BlockFit(maps, np.array(views, np.float32), positions(frames), proposal.toggling)
     for _ in range(BLOCK_ROUNDS):
-        yield None
+        yield 1
         if fit.step():
             break
     return fit
 
 
-def _through_lens(
-    fit: BlockFit, start: Proposal, reference: HeldFrame
-) -> Generator[None, None, float]:
+def _through_lens(fit: BlockFit, start: Proposal, reference: HeldFrame) -> Steps[float]:
     """Go on with a fit by all blocks, and find how the lens bends the display.
 
     Args:
@@ -216,7 +210,7 @@ def _through_lens(
             return 0.0
         if ended:
             break
-        yield None
+        yield 1
     return fit.k
 
 

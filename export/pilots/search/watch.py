@@ -19,6 +19,9 @@ IN_VIEW = 0.75
 """Smallest share of the reference frame that must still be in view for a search to go on."""
 CHECKED = (np.indices((8, 8)).reshape(2, -1).T + 0.5) / 8  # (2, 8, 8) -> (64, 2)
 """Places of the reference frame, x and y in [0, 1], that are looked for in the newest one."""
+NEXT_FRAME = 1000
+"""Units of work (`link.code.steps`) of a step of the search after which it needs a frame that has
+yet to come: more than there is room for. Any other step is one unit."""
 HELD_S, LEAST_HELD = 0.5, 35
 """Time, in seconds, and smallest number of frames for which the newest frames are kept: a display
 that is found is read in them, too."""
@@ -44,7 +47,7 @@ class Watch:
         picture_moves: bool,
         longer: int = 1,
     ) -> None:
-        self.reference = reference
+        self.reference, self.picture_moves = reference, picture_moves
         gray = as_gray(reference)
         self.first = HeldFrame(gray, np.eye(3), 0.0, time)
         """The reference as a frame."""
@@ -65,22 +68,39 @@ class Watch:
         self._stabiliser = Stabiliser(gray, far_apart=picture_moves)
         self.on_copy, self.on_image = self._stabiliser.on_copy, self._stabiliser.on_image
 
-    def next_frame(self, gray: Gray, time: float) -> HeldFrame | None:
-        """Hold the next frame still, and return it; None where the reference is lost in it."""
+    @property
+    def is_full(self) -> bool:
+        """Whether all frames have come that are watched."""
+        return len(self.frames) >= self.window
+
+    def take(self, gray: Gray, time: float) -> bool:
+        """Hold the next frame still, and keep it where it still shows enough of the reference.
+
+        Args:
+            gray: the frame, of the reference's size.
+            time: when it was taken, seconds.
+
+        Returns:
+            whether it does.
+        """
         H = self._stabiliser.follow(gray)
         if H is None:
-            return None
+            return False
         at = position(time - self.first.time, self.fps)
-        return HeldFrame(gray, H, at, time, self._stabiliser.tracks)
-
-    def is_in_view(self, frame: HeldFrame) -> bool:
-        """Tell whether a frame still shows enough of the reference."""
+        frame = HeldFrame(gray, H, at, time, self._stabiliser.tracks)
         size = np.array(self.reference.shape[1::-1])
-        places = transform(frame.H_image_from_reference, CHECKED * size - 0.5)
-        return float(in_image(places, self.reference.shape).mean()) >= IN_VIEW
+        seen = in_image(transform(H, CHECKED * size - 0.5), self.reference.shape)
+        if not self.frames:  # now the film can be held still
+            self._add(self.first)
+        self.held.append(frame)
+        if self.is_full:
+            self.later.append(frame)
+        else:
+            self._add(frame)
+        return float(seen.mean()) >= IN_VIEW
 
-    def add(self, frame: HeldFrame) -> None:
-        """Watch a frame, the first or one that `next_frame` has given."""
+    def _add(self, frame: HeldFrame) -> None:
+        """Watch a frame."""
         self.frames.append(frame)
         self.map.add(self._stabiliser.still(frame.gray, frame.H_image_from_reference), frame.at)
 

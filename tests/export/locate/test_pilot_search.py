@@ -76,7 +76,7 @@ def test_a_search_goes_on_while_the_hand_moves_the_frame_a_little() -> None:
     for number, image in enumerate(images):
         grow = cv2.getRotationMatrix2D(middle.tolist(), 0.1 * number, 1 + 0.002 * number)
         finder.push(cv2.warpAffine(image, grow, (640, 480)), number / 60)
-    assert finder._watch.first.time == 0.0
+    assert finder._windows[0].watch.first.time == 0.0
 
 
 @pytest.mark.slow

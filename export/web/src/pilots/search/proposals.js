@@ -121,7 +121,7 @@ export class Proposer {
    * Weigh a quadrilateral by small views of what toggles in it, step by step.
    *
    * @param {Point[]} quad
-   * @param {number[]} turns - quarter turns after which it is weighed, upright and upside down
+   * @param {readonly number[]} turns - quarter turns after which it is weighed, upright and upside down
    * @param {number | null} [count] - of the frames, from the first on, in which it is followed by
    *   its own motion; null to look at all, held still as the room is, which is quicker
    * @returns {Steps<Glance>} what is surest

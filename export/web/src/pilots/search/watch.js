@@ -32,6 +32,7 @@ export class Watch {
    */
   constructor(reference, time, fps, pictureMoves, longer = 1) {
     this.reference = reference;
+    this.pictureMoves = pictureMoves;
     this.start = time;
     this.fps = fps;
     this.#stabiliser = new Stabiliser(reference, pictureMoves);
@@ -59,36 +60,37 @@ export class Watch {
     return this.held[this.held.length - 1];
   }
 
+  /** Whether all frames have come that are watched. */
+  get isFull() {
+    return this.frames.length >= this.window;
+  }
+
   /**
-   * Hold the next frame still, and keep it.
+   * Hold the next frame still, and keep it where it still shows enough of the reference.
    *
    * @param {BytePlane} gray
    * @param {number} time - seconds
-   * @returns {boolean} false where the reference is lost in it
+   * @returns {boolean} whether it does
    */
   take(gray, time) {
     const H = this.#stabiliser.follow(gray);
     if (H === null) return false;
     const at = position(time - this.start, this.fps);
+    if (this.frames.length === 0) this.#add(this.held[0]); // now the film can be held still
     this.held.push(new HeldFrame(gray, H, at, time, this.#stabiliser.tracks));
     if (this.held.length > this.#most) this.held.shift();
+    if (!this.isFull) this.#add(this.newest);
     this.seen++;
-    return true;
-  }
-
-  /** Tell whether the newest frame still shows enough of the reference. */
-  isInView() {
     const { width, height } = this.reference;
     const places = CHECKED.map(
       ([x, y]) => /** @type {Point} */ ([x * width - 0.5, y * height - 0.5]),
     );
-    const H = this.newest.HFrameFromReference;
-    const seen = inImage(transform(H, places), width, height);
-    return seen.filter(Boolean).length >= IN_VIEW * places.length;
+    const inView = inImage(transform(H, places), width, height);
+    return inView.filter(Boolean).length >= IN_VIEW * places.length;
   }
 
   /** Watch a frame. @param {HeldFrame} frame */
-  add(frame) {
+  #add(frame) {
     this.frames.push(frame);
     const still = this.#stabiliser.still(frame.gray, frame.HFrameFromReference);
     this.map.add(still, frame.at);

@@ -1,0 +1,149 @@
+"""Look for a display in one window of a film: the frames that follow a reference frame.
+
+Edges and what toggles (`toggle_map`) propose where the display may be. Corners then move to where
+the pilots fit the grid, and the display is believed if its blocks toggle with the pilots' signs
+beyond doubt (`settle`). That also tells which way up it is and which of several grids it shows.
+"""
+
+from collections.abc import Sequence
+from itertools import product
+
+import numpy as np
+
+from export.pilots.search.proposals import (
+    CANDIDATES,
+    CLEAREST,
+    FRAME_SHARE,
+    PROMISING,
+    STRONGEST,
+    Proposal,
+    Proposer,
+    inset,
+    weigh,
+)
+from export.pilots.search.settle import HINT, Settled, settle
+from export.pilots.search.watch import NEXT_FRAME, Watch
+from link.code.steps import Steps
+from link.layout import Layout
+from link.types import Array
+
+GLANCES = 2
+"""Number of quadrilaterals that are glanced at in one step."""
+ANY_TURN = 0, 1
+"""Quarter turns after which quadrilaterals are tried upright and upside down, so that any of their
+sides may be up."""
+Search = Steps[Settled | None]
+"""Steps of the search, which end with the display that is sure, or None."""
+
+
+class WindowSearch:
+    """Looks for a display in the frames that follow a reference frame.
+
+    Args:
+        watch: the film, of which no second frame has come.
+        layouts: those that may be shown.
+        turns: quarter turns after which quadrilaterals are tried that are proposed late.
+    """
+
+    def __init__(self, watch: Watch, layouts: Sequence[Layout], turns: Sequence[int]) -> None:
+        self.watch, self._layouts, self._turns = watch, layouts, turns
+        self.surest_seen = 0.0
+        """Largest evidence of a quadrilateral so far, before it pays."""
+        self.is_late = False
+        """Whether all edges have been glanced at, in all frames that are watched."""
+        self.steps = self._search()
+        """Steps of the search; the first one needs the second frame."""
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether something toggles like a display, unless its picture moves, too."""
+        return self.surest_seen > PROMISING and not self.watch.picture_moves
+
+    def _search(self) -> Search:
+        """Look for the display in the film that follows the reference.
+
+        Edges are glanced at after half of the window and after each quarter. Once all frames have
+        been watched, other quadrilaterals are, and the pilots are fitted to those that probably
+        bound a display, if not exactly.
+        """
+        watch = self.watch
+        proposer = Proposer(watch, self._layouts, watch.fps)
+        edges = proposer.edges
+        count, seen = watch.window // 2, 0
+        while seen < watch.window:
+            while len(watch.frames) < min(count, watch.window):
+                for quad in edges:
+                    watch.places(quad, len(watch.frames))  # each frame does its own share
+                yield NEXT_FRAME
+            seen = len(watch.frames)
+            count = seen + watch.window // 4
+            if found := (yield from self._glance(edges, proposer, seen)):
+                return found
+        faint: list[Array] = []
+        for quads in proposer.faint_edges():
+            yield 1
+            faint += quads
+            if found := (yield from self._glance(quads, proposer)):
+                return found
+        self.is_late = True
+        strongest = [*edges[:STRONGEST], *faint[:1]]
+        if found := (yield from self._fit(strongest, proposer)):
+            return found
+        outlines = yield from proposer.outlines()
+        framed = [inset(quad, FRAME_SHARE) for quad in (*edges, *faint[:CANDIDATES])]
+        if found := (yield from self._glance([*outlines, *framed], proposer)):
+            return found
+        glances = proposer.glances()
+        for proposal in [proposal for evidence, proposal, _ in glances if evidence > HINT]:
+            if found := (yield from self._weigh_and_settle(proposal)):
+                return found
+        tried = {id(quad) for quad in strongest}
+        clearest = [quad for _, _, quad in glances if id(quad) not in tried][:CLEAREST]
+        return (yield from self._fit([*clearest, *outlines], proposer))
+
+    def _glance(
+        self, quads: Sequence[Array], proposer: Proposer, count: int | None = None
+    ) -> Search:
+        """Glance at quadrilaterals, and settle each that is promising.
+
+        Args:
+            quads: (4, 2) pixels of the reference frame each, the likeliest first.
+            proposer: glances at them.
+            count: as `Watch.places` takes it; None for those that are proposed late.
+        """
+        turns = self._turns if count is None else ANY_TURN
+        for number, quad in enumerate(quads):
+            evidence, proposal = proposer.glance(quad, turns, count)
+            if evidence > PROMISING and (found := (yield from self._weigh_and_settle(proposal))):
+                return found
+            if number % GLANCES == GLANCES - 1:
+                yield 1
+        return None
+
+    def _fit(self, quads: Sequence[Array], proposer: Proposer) -> Search:
+        """Fit the pilots to quadrilaterals, and settle each fit that is a hint.
+
+        Args:
+            quads: (4, 2) pixels of the reference frame each, the likeliest first.
+            proposer: fits the pilots.
+        """
+        for quad, turn in product(quads, self._turns):
+            fit = yield from proposer.first_fit(np.roll(quad, -turn, axis=0))
+            if fit is None:
+                continue
+            evidence, _ = proposer.surest_in(fit.corners, [fit.layout])
+            yield 1
+            if evidence > HINT and (found := (yield from self._settle(fit, evidence))):
+                return found
+        return None
+
+    def _weigh_and_settle(self, proposal: Proposal) -> Search:
+        """Weigh a proposal by all frames so far, and settle it."""
+        evidence, _ = weigh(proposal, self.watch.frames, self.watch.fps)
+        yield 1
+        return (yield from self._settle(proposal, evidence))
+
+    def _settle(self, proposal: Proposal, evidence: float) -> Search:
+        """Settle a proposal with this evidence in all frames so far, before it pays."""
+        self.surest_seen = max(self.surest_seen, evidence)
+        return (yield from settle(proposal, evidence, self.watch))

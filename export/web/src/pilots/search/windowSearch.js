@@ -1,0 +1,169 @@
+/**
+ * Look for a display in one window of a film: the frames that follow a reference frame.
+ *
+ * Edges and what toggles (`toggleMap.js`) propose where the display may be. Corners then move to where
+ * the pilots fit the grid, and the display is believed if its blocks toggle with the pilots' signs
+ * beyond doubt (`settle.js`). That also tells which way up it is and which of several grids it shows.
+ */
+
+import { pilotsSearchWindowSearch } from "../../generated/constants.js";
+import { candidateSteps, leavingSteps } from "../../locate/candidates.js";
+import { rolled } from "../../locate/quads.js";
+import {
+  CANDIDATES, CLEAREST, FRAME_SHARE, GLANCE_WORK, LEAVING, NEXT_FRAME, PROMISING, Proposer, STRONGEST,
+  inset, weighSteps,
+} from "./proposals.js";
+import { HINT, settleSteps } from "./settle.js";
+
+/** @typedef {import("./proposals.js").Proposal} Proposal */
+/** @typedef {import("./settle.js").Settled} Settled */
+/** @typedef {import("./watch.js").Watch} Watch */
+
+export const { ANY_TURN } = pilotsSearchWindowSearch;
+
+/** Looks for a display in the frames that follow a reference frame. */
+export class WindowSearch {
+  #layouts;
+  #isEager;
+  #turns;
+  /** Largest evidence of a quadrilateral so far, before it pays. */
+  #surestSeen = 0;
+  /** Whether all edges have been glanced at, in all frames that are watched. */
+  isLate = false;
+  /** Whether a proposal is being settled. */
+  isSettling = false;
+
+  /**
+   * @param {Watch} watch - the film, of which no second frame has come
+   * @param {readonly Layout[]} layouts - those that may be shown
+   * @param {readonly number[]} turns - quarter turns after which quadrilaterals are tried that are
+   *   proposed late
+   * @param {boolean} isEager - whether faint edges are looked at after each quarter of the window
+   *   and not at its end alone, where there is nothing else to do before a camera that does not wait
+   */
+  constructor(watch, layouts, turns, isEager) {
+    this.watch = watch;
+    this.#layouts = layouts;
+    this.#turns = turns;
+    this.#isEager = isEager;
+    /** Steps of the search; the first one needs the second frame. */
+    this.steps = this.#search();
+  }
+
+  /** Whether something toggles like a display, unless its picture moves, too. */
+  get isDoubtful() {
+    return this.#surestSeen > PROMISING && !this.watch.pictureMoves;
+  }
+
+  /**
+   * Look for the display in the film that follows the reference.
+   *
+   * @returns {Steps<Settled | null>}
+   */
+  *#search() {
+    const { watch } = this;
+    const within = yield* candidateSteps(watch.reference, CANDIDATES);
+    const leaving = yield* leavingSteps(watch.reference, LEAVING);
+    const edges = [...within.map((edge) => edge.corners), ...leaving];
+    const proposer = new Proposer(watch, this.#layouts);
+    const quarter = Math.floor(watch.window / 4);
+    /** @type {Point[][]} */
+    let faint = [];
+    for (let count = 2 * quarter, seen = 0; seen < watch.window; count = seen + quarter) {
+      while (watch.frames.length < Math.min(count, watch.window)) {
+        for (const quad of edges) watch.places(quad, watch.frames.length); // each frame its share
+        yield NEXT_FRAME;
+      }
+      seen = watch.frames.length;
+      const found = yield* this.#glance(edges, proposer, seen);
+      if (found !== null) return found;
+      if (!this.#isEager && seen < watch.window) continue;
+      faint = [];
+      for (const even of proposer.evenMeans()) {
+        const edgesOf = yield* candidateSteps(even, CANDIDATES);
+        const quads = edgesOf.map(({ corners }) => watch.onImage(corners));
+        faint.push(...quads);
+        const soon = yield* this.#glance(quads, proposer);
+        if (soon !== null) return soon;
+      }
+    }
+    this.isLate = true;
+    const strongest = [...edges.slice(0, STRONGEST), ...faint.slice(0, 1)];
+    const fitted = yield* this.#fit(strongest, proposer);
+    if (fitted !== null) return fitted;
+    const outlines = yield* proposer.outlines();
+    const framed = [...edges, ...faint.slice(0, CANDIDATES)].map((quad) => inset(quad, FRAME_SHARE));
+    const later = yield* this.#glance([...outlines, ...framed], proposer);
+    if (later !== null) return later;
+    const glances = proposer.glances();
+    for (const [, { proposal }] of glances.filter(([, { evidence }]) => evidence > HINT)) {
+      const found = yield* this.#weighAndSettle(proposal);
+      if (found !== null) return found;
+    }
+    const untried = glances.map(([quad]) => quad).filter((quad) => !strongest.includes(quad));
+    return yield* this.#fit([...untried.slice(0, CLEAREST), ...outlines], proposer);
+  }
+
+  /**
+   * Glance at quadrilaterals, and settle each that is promising.
+   *
+   * @param {Point[][]} quads - the likeliest first
+   * @param {Proposer} proposer
+   * @param {number | null} [count] - as `Watch.places` takes it; null for those that are proposed late
+   */
+  *#glance(quads, proposer, count = null) {
+    const turns = count === null ? this.#turns : ANY_TURN;
+    for (const quad of quads) {
+      const { evidence, proposal } = yield* proposer.glanceSteps(quad, turns, count);
+      if (!(evidence > PROMISING)) continue;
+      const found = yield* this.#weighAndSettle(proposal);
+      if (found !== null) return found;
+    }
+    return null;
+  }
+
+  /**
+   * Fit the pilots to quadrilaterals, and settle each fit that is a hint.
+   *
+   * @param {Point[][]} quads - the likeliest first
+   * @param {Proposer} proposer
+   */
+  *#fit(quads, proposer) {
+    for (const quad of quads) {
+      for (const turn of this.#turns) {
+        const fit = yield* proposer.firstFit(rolled(quad, turn));
+        if (fit === null) continue;
+        const { evidence } = proposer.surestIn(fit.corners, fit.layout);
+        yield GLANCE_WORK;
+        if (!(evidence > HINT)) continue;
+        const found = yield* this.#settle(fit, evidence);
+        if (found !== null) return found;
+      }
+    }
+    return null;
+  }
+
+  /**
+   * Weigh a proposal by all frames so far, and settle it.
+   *
+   * @param {Proposal} proposal
+   */
+  *#weighAndSettle(proposal) {
+    const { evidence } = yield* weighSteps(proposal, this.watch.frames, this.watch.fps);
+    return yield* this.#settle(proposal, evidence);
+  }
+
+  /**
+   * Settle a proposal with this evidence in all frames so far, before it pays.
+   *
+   * @param {Proposal} proposal
+   * @param {number} evidence
+   */
+  *#settle(proposal, evidence) {
+    this.#surestSeen = Math.max(this.#surestSeen, evidence);
+    this.isSettling = true;
+    const found = yield* settleSteps(proposal, evidence, this.watch);
+    this.isSettling = false;
+    return found;
+  }
+}
