@@ -24,7 +24,7 @@ const { WINDOWS } = pilotsSearchPilotSearch;
  * Units of work (`steps.js`) from which on a frame from a file has had its share: while the display is
  * looked for, and while a proposal is being settled. What is proposed late takes half of them.
  */
-export const [FRAME_WORK, SETTLING_WORK] = [30, 88];
+export const [FRAME_WORK, SETTLING_WORK] = [24, 88];
 /**
  * Time, in milliseconds, after which a frame of a camera that does not wait has had its share.
  */
