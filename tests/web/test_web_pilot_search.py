@@ -19,6 +19,7 @@ FILMS = [
     "bent",
     "upside down, parallax",
     "turned to",
+    "late",
     "leaving",
     "no edges",
     "no edges, slow camera",
@@ -46,6 +47,9 @@ def film(name: str) -> tuple[list[Image], Array | None, list[Layout]]:
     elif name == "turned to":
         images, corners = filmed(FINE, 80, seed=0)
         images = panned_to(images, 45)
+    elif name == "late":
+        images, corners = filmed(FINE, 80, seed=0)
+        images[:30] = filmed(FINE, 30, seed=0, hold=10**6)[0]
     elif name == "leaving":
         images, corners = leaving(*filmed(FINE, 30, seed=3))
     elif name.startswith("no edges"):
