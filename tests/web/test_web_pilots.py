@@ -20,7 +20,6 @@ from port import Port, differences, same
 
 from export.pilots.motion import map_size, moved_corners, without_slope
 from export.pilots.search.all_blocks import BlockFit, block_maps
-from export.pilots.search.climb import climb_to_pilots
 from export.pilots.search.parts import COARSE_SIZE, coarse_shift
 from export.pilots.search.toggle_map import ToggleMap
 from export.pilots.signal import (
@@ -227,20 +226,6 @@ def test_all_blocks_tell_how_a_lens_bends_the_display(port: Port, k: float) -> N
             break
     same(ported.k, fit.k, within.LENS_K)
     same_motion(ported.shift(), fit.shift(), (FINE.width, FINE.height), within.SUBPIXEL_PX)
-
-
-def test_corners_climb_to_the_pilots(port: Port) -> None:
-    rng, size = np.random.default_rng(3), map_size(HIDDEN)
-    right = frame_corners(*size).astype("f4")
-    seen = np.add(right, [[0, 0], [5, -4], [-6, 5], [3, 0]]).astype("f4")
-    H_seen = cv2.getPerspectiveTransform(right, seen)
-    shown = cv2.warpPerspective(pilots_alone(HIDDEN, size), H_seen, size)
-    noise = rng.normal(0, 1.5, (2, *shown.shape))
-    change = np.asarray(shown * np.exp(1j) + noise[0] + 1j * noise[1], np.complex64)
-    found = port("pilots/search/climb.js").climbToPilots(complex_plane(change), HIDDEN)
-    H = climb_to_pilots(change, HIDDEN)
-    assert H is not None
-    same_motion(found, H, (HIDDEN.width, HIDDEN.height), within.CORNERS_PX)
 
 
 def test_corners_of_what_lies_elsewhere_in_its_rectified_image(port: Port) -> None:

@@ -6,9 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from export.pilots.motion import map_size, moved_corners
+from export.pilots.motion import moved_corners
 from export.pilots.search.all_blocks import BlockFit, block_maps
-from export.pilots.search.climb import climb_to_pilots
 from export.pilots.search.film import HeldFrame, positions, rectified_views
 from export.pilots.search.parts import COARSE_SIZE, MANY, coarse_shift
 from export.pilots.search.proposals import Proposal, weigh
@@ -25,9 +24,6 @@ for them it is this share of their number."""
 TRIALS = 1000
 """Number of quadrilaterals, turns, layouts and rounds that a search may try, for which evidence
 pays."""
-CLIMB_TRIALS = 500
-"""Number of quadrilaterals that moving corners by the sum over the pilots may try, for which
-evidence pays, too."""
 CERTAIN, CERTAIN_SHARE = 35.0, 0.75
 """Evidence from which on a display is believed at once, and the share of the number of pilots that
 is enough where it is less; below it, later frames must agree."""
@@ -38,17 +34,14 @@ LOOKS, EARLY = (0.5, 0.75, 1.0), 2.0
 come on top before the last of them, because chance gets a try with each."""
 NEARLY = 0.5
 """Share of the evidence needed from which on later frames are waited for, to be weighed too."""
-HINT, CLIMBABLE = 6.0, 3.0
+HINT = 6.0
 """Evidence of a proposal, before it pays, at which its corners are refined once all frames were
-seen, and at which the sum over its pilots can lead them on."""
-COARSE_ROUNDS, CLIMB_ROUNDS, BLOCK_ROUNDS, LENS_ROUNDS = 5, 2, 5, 20
-"""Largest number of times that corners are moved by parts of the display, by the sum over its
-pilots, by all of its blocks, and by these while the lens is found, too."""
+seen."""
+COARSE_ROUNDS, BLOCK_ROUNDS, LENS_ROUNDS = 5, 5, 20
+"""Largest number of times that corners are moved by parts of the display, by all of its blocks, and
+by these while the lens is found, too."""
 SETTLED_PX = 3.0
 """Distance, in layout pixels, below which a coarse move is the last one."""
-
-Move = Steps[Array]
-"""Steps of work that end with corners, (4, 2) pixels of the reference frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,25 +78,21 @@ def settle(
     layout, frames = proposal.layout, list(watch.frames)
     needed = min(SURE, SURE_SHARE * layout.pilots)
     certain = min(CERTAIN, CERTAIN_SHARE * layout.pilots)
-    best, tried = proposal, float(TRIALS)
-    evidence -= float(np.log(tried))
-    for move, tries in ((_by_parts, 1), (_by_climbing, CLIMB_TRIALS)):
-        sum_needed = CLIMBABLE - float(np.log(tried)) <= evidence < certain
-        if tries > 1 and not sum_needed:  # it need not pay for so many trials, or is hopeless
-            continue
-        moved = replace(best, corners=(yield from move(best, frames)))
-        now = weigh(moved, frames, watch.fps)[0] - float(np.log(tried * tries))
-        yield 1
-        if now > evidence:
-            best, evidence, tried = moved, now, tried * tries
-    if evidence < HINT - float(np.log(tried)):
+    best, price = proposal, float(np.log(TRIALS))
+    moved = replace(best, corners=(yield from _by_parts(best, frames)))
+    now, _ = weigh(moved, frames, watch.fps)
+    yield 1
+    if now > evidence:
+        best, evidence = moved, now
+    if evidence < HINT:
         return None
+    evidence -= price
     used = len(watch.frames)
     start, fit = best, (yield from _by_blocks(best, watch.frames[:used]))
     fitted = best if fit is None else _moved(best, fit)
     known: dict[HeldFrame, NDArray[np.float32]] = {}
     now, toggling = weigh(fitted, frames, watch.fps, known)
-    now -= float(np.log(tried))
+    now -= price
     yield 1
     evidence = max(evidence, now)
     if evidence < NEARLY * needed:
@@ -123,7 +112,7 @@ def settle(
                 yield 1
                 together = weigh(best, [*frames, *later], watch.fps, known)
                 now, toggling = max(agreed, together, key=lambda weighed: weighed[0])
-                evidence = max(evidence, now - float(np.log(2 * tried)))
+                evidence = max(evidence, now - price - float(np.log(2)))
                 yield 1
             if evidence >= needed:
                 break
@@ -140,8 +129,8 @@ def settle(
     return Settled(replace(best, toggling=toggling), evidence, k)
 
 
-def _by_parts(proposal: Proposal, frames: Sequence[HeldFrame]) -> Move:
-    """Move corners by parts of the display."""
+def _by_parts(proposal: Proposal, frames: Sequence[HeldFrame]) -> Steps[Array]:
+    """Move corners, (4, 2) pixels of the reference frame, by parts of the display."""
     layout, corners = proposal.layout, proposal.corners
     for _ in range(COARSE_ROUNDS):
         views = rectified_views(corners, layout, frames, COARSE_SIZE)
@@ -157,20 +146,6 @@ def _by_parts(proposal: Proposal, frames: Sequence[HeldFrame]) -> Move:
         corners = moved
         if fit[1] >= MANY and far < SETTLED_PX:
             break
-    return corners
-
-
-def _by_climbing(proposal: Proposal, frames: Sequence[HeldFrame]) -> Move:
-    """Move corners while the sum over all pilots grows."""
-    layout, corners = proposal.layout, proposal.corners
-    for _ in range(CLIMB_ROUNDS):
-        views = rectified_views(corners, layout, frames, map_size(layout))
-        if views is None:
-            break
-        line = proposal.toggling.amplitudes(over_deviation(views), positions(frames))
-        H_old_from_new = climb_to_pilots(line, layout)
-        yield 1
-        corners = moved_corners(corners, H_old_from_new, layout)
     return corners
 
 

@@ -15,9 +15,7 @@ from pilot_films import (
     pilots_alone,
 )
 
-from export.pilots.motion import map_size
 from export.pilots.search.all_blocks import BlockFit, block_maps
-from export.pilots.search.climb import climb_to_pilots
 from export.pilots.search.parts import COARSE_SIZE, coarse_shift
 from export.pilots.search.pilot_search import PilotSearch
 from export.pilots.search.toggle_map import ToggleMap
@@ -234,22 +232,6 @@ def test_finds_each_preset_where_most_frames_are_dropped(name: str) -> None:
             assert np.abs(found.corners - corners[number]).max() < CLOSE_PX
             return
     pytest.fail("no display was found")
-
-
-def test_climbing_leads_to_pilots_that_no_part_shows_alone() -> None:
-    layout = make_layout(48, 64, modulation="antipodal", pilots="auto")
-    size, rng = map_size(layout), np.random.default_rng(7)
-    drawn = pilots_alone(layout, size)
-    right = frame_corners(*size)
-    seen = np.add(right, [[0, 0], [5, -4], [-6, 5], [3, 0]])  # up to one and a half blocks of 4 px
-    H_seen_from_map = cv2.getPerspectiveTransform(right.astype("f4"), seen.astype("f4"))
-    shown = cv2.warpPerspective(drawn, H_seen_from_map, size)
-    noise = rng.normal(0, 2.5, (2, *shown.shape))
-    change = np.asarray(shown * np.exp(1j) + noise[0] + 1j * noise[1], np.complex64)
-    scale = layout.width / size[0]
-    corners = transform(climb_to_pilots(change, layout), frame_corners(512, 384))
-    error = (corners + 0.5) / scale - 0.5 - seen
-    assert np.abs(error).max() < 2.0
 
 
 @pytest.mark.parametrize("shift", [(0.0, 0.0), (17.0, -12.0)])

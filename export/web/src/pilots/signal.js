@@ -118,7 +118,7 @@ export function signedPhases(layout) {
  * @returns {{ a: number, b: number, rr: number, ii: number, ri: number }} sums of the real and the
  *   imaginary parts, of their squares, and of their products
  */
-export function turnedSums(real, imaginary, phases) {
+function turnedSums(real, imaginary, phases) {
   let [a, b, rr, ii, ri] = [0, 0, 0, 0, 0];
   for (let p = 0; p < real.length; p++) {
     const [cos, sin] = [phases.real[p], phases.imaginary[p]];

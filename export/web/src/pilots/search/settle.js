@@ -2,10 +2,9 @@
 
 import { pilotsSearchSettle } from "../../generated/constants.js";
 import { distance } from "../../link/geometry.js";
-import { mapSize, movedCorners } from "../motion.js";
+import { movedCorners } from "../motion.js";
 import { expectedChanges, overDeviation } from "../signal.js";
 import { blockFitSteps, blockMaps } from "./allBlocks.js";
-import { climbToPilots } from "./climb.js";
 import { COARSE_SIZE, MANY, coarseShift } from "./parts.js";
 import { NEXT_FRAME, VIEW_WORK, positions, weighSteps } from "./proposals.js";
 
@@ -16,8 +15,8 @@ import { NEXT_FRAME, VIEW_WORK, positions, weighSteps } from "./proposals.js";
 /** @typedef {import("./watch.js").Watch} Watch */
 
 export const {
-  SURE, SURE_SHARE, TRIALS, CLIMB_TRIALS, CERTAIN, CERTAIN_SHARE, CONFIRMED, LOOKS, EARLY, NEARLY,
-  HINT, CLIMBABLE, COARSE_ROUNDS, CLIMB_ROUNDS, BLOCK_ROUNDS, LENS_ROUNDS, SETTLED_PX,
+  SURE, SURE_SHARE, TRIALS, CERTAIN, CERTAIN_SHARE, CONFIRMED, LOOKS, EARLY, NEARLY,
+  HINT, COARSE_ROUNDS, BLOCK_ROUNDS, LENS_ROUNDS, SETTLED_PX,
 } = pilotsSearchSettle;
 
 /** Units of work of measuring how a display toggles, and of a move of its corners. */
@@ -30,15 +29,6 @@ const MOVE_WORK = 6;
  * where nothing speaks for another.
  *
  * @typedef {{ proposal: Proposal, evidence: number, k: number }} Settled
- */
-
-/**
- * A way to move the corners of a proposal, in the reference frame, step by step.
- *
- * @typedef {(
- *   proposal: Proposal,
- *   frames: readonly HeldFrame[],
- * ) => Steps<Point[]>} Move
  */
 
 /**
@@ -58,31 +48,25 @@ export function* settleSteps(proposal, first, watch) {
   const pilots = proposal.layout.pilotBlocks.length;
   const needed = Math.min(SURE, SURE_SHARE * pilots);
   const certain = Math.min(CERTAIN, CERTAIN_SHARE * pilots);
+  const price = Math.log(TRIALS);
   let best = proposal;
-  let tried = TRIALS;
-  let evidence = first - Math.log(tried);
-  const moves = /** @type {[Move, number][]} */ ([[byParts, 1], [byClimbing, CLIMB_TRIALS]]);
-  for (const [move, tries] of moves) {
-    // it need not pay for so many trials, or it is hopeless
-    const climbable = evidence >= CLIMBABLE - Math.log(tried) && evidence < certain;
-    if (move === byClimbing && !climbable) continue;
-    const there = { ...best, corners: yield* move(best, frames) };
-    const weighed = yield* weighSteps(there, frames, watch.fps);
-    const now = weighed.evidence - Math.log(tried * tries);
-    if (!(now > evidence)) continue;
+  let evidence = first;
+  const there = { ...best, corners: yield* byParts(best, frames) };
+  let weighed = yield* weighSteps(there, frames, watch.fps);
+  if (weighed.evidence > evidence) {
     best = there;
-    evidence = now;
-    tried *= tries;
+    ({ evidence } = weighed);
   }
-  if (evidence < HINT - Math.log(tried)) return null;
+  if (evidence < HINT) return null;
+  evidence -= price;
   const start = best;
   const used = watch.frames.length;
   const fit = yield* byBlocks(start, watch.frames.slice(0, used));
   const fitted = fit === null ? start : moved(start, fit);
   /** Values of the pilots, where corners are now. @type {Map<HeldFrame, Float32Array>} */
   let known = new Map();
-  let weighed = yield* weighSteps(fitted, frames, watch.fps, known);
-  const now = weighed.evidence - Math.log(tried);
+  weighed = yield* weighSteps(fitted, frames, watch.fps, known);
+  const now = weighed.evidence - price;
   evidence = Math.max(evidence, now);
   if (evidence < NEARLY * needed) return null;
   if (now >= NEARLY * needed) best = fitted;
@@ -98,7 +82,7 @@ export function* settleSteps(proposal, first, watch) {
       // all frames say more, unless some were worse than the later ones
       weighed = yield* weighSteps(best, [...frames, ...later], watch.fps, known);
       if (agreed.evidence >= weighed.evidence) weighed = agreed;
-      evidence = Math.max(evidence, weighed.evidence - Math.log(2 * tried));
+      evidence = Math.max(evidence, weighed.evidence - price - Math.log(2));
     }
     agrees = evidence >= needed;
   }
@@ -119,7 +103,9 @@ export function* settleSteps(proposal, first, watch) {
 /**
  * Move corners by parts of the display.
  *
- * @type {Move}
+ * @param {Proposal} proposal
+ * @param {readonly HeldFrame[]} frames
+ * @returns {Steps<Point[]>} in the reference frame
  */
 function* byParts({ corners, layout, toggling }, frames) {
   const blocks = expectedChanges(layout);
@@ -133,22 +119,6 @@ function* byParts({ corners, layout, toggling }, frames) {
     const far = Math.max(...corners.map((corner, i) => distance(there[i], corner)));
     corners = there;
     if (fit.parts >= MANY && far < SETTLED_PX) break;
-  }
-  return corners;
-}
-
-/**
- * Move corners while the sum over all pilots grows.
- *
- * @type {Move}
- */
-function* byClimbing({ corners, layout, toggling }, frames) {
-  for (let round = 0; round < CLIMB_ROUNDS; round++) {
-    const line = yield* amplitudeSteps({ corners, layout, toggling }, frames, mapSize(layout));
-    if (line === null) break;
-    const HOldFromNew = climbToPilots(line, layout);
-    yield MOVE_WORK;
-    corners = movedCorners(corners, HOldFromNew, layout);
   }
   return corners;
 }
