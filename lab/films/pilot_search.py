@@ -1,8 +1,9 @@
 """How often displays are found by their pilots.
 
 Nothing visible marks a display with pilots. Here `PilotSearch` looks for it in simulated hand-held
-films of rooms: of displays that show a preset, of displays that stand still, that show a film, and
-that toggle blocks of another layout. In the last three it must find nothing.
+films of rooms: of displays that show a preset, from the first frame on or later, of displays that
+stand still, that show a film, and that toggle blocks of another layout. In the last three it must
+find nothing.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,7 +17,7 @@ from scipy.stats import quantile_test
 
 from data_gen.film.frame import VideoFrame
 from data_gen.film.scenes import SceneSettings
-from data_gen.film.stream import VideoSettings, film
+from data_gen.film.stream import States, VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
 from data_gen.pairs import GROUPS, pair_names
 from export.pilots.search.pilot_search import PilotSearch
@@ -57,11 +58,16 @@ KNOWN_EVERY = 4
 """Number of frames from one look to the next of an observer that knows the corners."""
 SEEN = {
     "display": "a display that shows the preset",
+    "late": "a display that begins to show the preset late",
     "still": "a display that stands still",
     "film": "a display that shows a film",
     "other": "a display that toggles the paper's layout",
 }
 """What the films show, and how the table calls it."""
+SHOWN = "display", "late"
+"""Films in which a display is to be found."""
+LATE_S = 0.3, 3.5
+"""Least and largest time, in seconds, for which a display stands still that begins late."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +82,7 @@ class PilotSearchFlags(StudyFlags):
     films: int = 40
     """Number of films of each preset and of each thing they show."""
     seconds: float = 2.0
-    """Length of each film, seconds."""
+    """Length of each film from the time on at which the display begins to toggle, seconds."""
     pairs: tuple[str, ...] = GROUPS["paper"]
     """Camera-display pairs, which film in turn."""
 
@@ -92,7 +98,7 @@ class SearchTake:
     number: int
     """Number of the film among those of its preset and kind."""
     seconds: float
-    """Length of the film, seconds."""
+    """Length of the film from the time on at which the display begins to toggle, seconds."""
     pair: str
     """Camera-display pair."""
     seed: int
@@ -114,7 +120,7 @@ class SearchOutcome:
     coverage: float
     """Share of the image that the display covers."""
     found_s: float | None
-    """Time of the frame in which a display was found, seconds, or None where none was."""
+    """Time from the display's beginning to the frame in which one was found, seconds, or None."""
     error_px: float | None
     """Mean distance of the corners found from the true ones, pixels of the frame; None where
     nothing was found."""
@@ -190,12 +196,21 @@ def search_film(take: SearchTake) -> SearchOutcome:
     pictures = shuffled_pictures(source)
     first = int(rng.integers(len(pictures)))
     shown = [picture.rgb for picture in (*pictures[first:], *pictures[:first])]
-    states, layout = displayed_states(seen, shown, preset, rng)
+    loop, layout = displayed_states(seen, shown, preset, rng)
+    state_hz = PRESETS[preset].state_hz
+    still = round(rng.uniform(*LATE_S) * state_hz) if seen == "late" else 0
+    begins_s = still / state_hz
+
+    def late_states(number: int) -> NDArray[np.uint8]:
+        return shown[0] if number < still else loop[(number - still) % len(loop)]
+
+    states: States = late_states if still else loop
     settings = VideoSettings(
         scene=SceneSettings(coverage=coverage, pictures=pictures, free=0.03),
         fps=fps,
-        state_hz=PRESETS[preset].state_hz,
-        seconds=take.seconds,
+        state_hz=state_hz,
+        seconds=begins_s + take.seconds,
+        start_s=0.0 if begins_s else None,
     )
     search, found_s, error, right = PilotSearch(searched_layouts(), fps), None, None, False
     observer = KnownCorners(layout, fps) if seen == "display" else None
@@ -208,7 +223,8 @@ def search_film(take: SearchTake) -> SearchOutcome:
             corners = transform(
                 frame.H_captured_from_display, frame_corners(layout.width, layout.height)
             )
-            found_s, right = frame.time_s, seen == "display" and found.layout == layout
+            found_s = frame.time_s - begins_s
+            right = seen in SHOWN and found_s >= 0 and found.layout == layout
             error = float(np.linalg.norm(found.corners - corners, axis=1).mean())
         if found_s is not None and (observer is None or observer.sure_s is not None):
             break
@@ -271,7 +287,7 @@ def search_table(outcomes: Sequence[SearchOutcome]) -> Table:
             errors = [o.error_px for o in mine if o.right and o.error_px is not None]
             row = [preset, "–" if preset == "all" else f"{CAMERAS[preset][1]:g}", name]
             row.append(str(len(mine)))
-            row.append(f"{right} ({low:.1%} – {high:.1%})" if seen == "display" else "–")
+            row.append(f"{right} ({low:.1%} – {high:.1%})" if seen in SHOWN else "–")
             known = sum(o.known_s is not None for o in mine)
             row.append(str(known) if seen == "display" else "–")
             row.append(f"{wrong} (at most {wilson(wrong, len(mine))[1]:.1%})")

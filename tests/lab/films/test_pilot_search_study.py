@@ -3,6 +3,7 @@
 from math import lcm
 
 import numpy as np
+import pytest
 
 from data_gen.film.frame import VideoFrame
 from lab.films.pilot_search import (
@@ -11,7 +12,9 @@ from lab.films.pilot_search import (
     SCENE,
     KnownCorners,
     SearchOutcome,
+    SearchTake,
     displayed_states,
+    search_film,
     search_table,
     searched_layouts,
 )
@@ -64,6 +67,13 @@ def test_an_observer_that_knows_the_corners_is_sure_of_what_toggles_alone() -> N
             observer.push(VideoFrame(state, number, number / 60, 0.0, np.eye(3), {}, True, False))
     assert seen.sure_s == 11 / 60
     assert blind.sure_s is None
+
+
+@pytest.mark.slow
+def test_a_display_that_begins_late_is_timed_from_its_beginning() -> None:
+    found = search_film(SearchTake("robust", "late", 0, 1.5, "canon-lg", 0))
+    assert found.right
+    assert found.found_s is not None and 0.3 < found.found_s < 1.5
 
 
 def outcome(number: int, seen: str = "display", off: float | None = 0.2) -> SearchOutcome:
