@@ -1,5 +1,6 @@
 """Look for a display by its pilots.
 
-`pilot_search` says what is done with each frame. `watch` holds the frames still, `proposals` says
-where the display may be, and `settle` moves its corners and judges whether it is there.
+`pilot_search` says what is done with each frame, and `window_search` in which order a window of
+them is searched. `watch` holds the frames still, `proposals` says where the display may be, and
+`settle` moves its corners and judges whether it is there.
 """

@@ -93,7 +93,7 @@ class Proposer:
     What toggles, faint edges and the pilots' fit propose others once all have been.
 
     Args:
-        watch: the film, of which the second frame has come.
+        watch: the film, of which the reference frame has come.
         layouts: those that may be shown.
         fps: nominal number of frames of the camera in a second.
     """

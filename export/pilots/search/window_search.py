@@ -40,7 +40,7 @@ class WindowSearch:
     """Looks for a display in the frames that follow a reference frame.
 
     Args:
-        watch: the film, of which no second frame has come.
+        watch: the film, of which the reference frame has come.
         layouts: those that may be shown.
         turns: quarter turns after which quadrilaterals are tried that are proposed late.
     """
@@ -52,7 +52,7 @@ class WindowSearch:
         self.is_late = False
         """Whether all edges have been glanced at, in all frames that are watched."""
         self.steps = self._search()
-        """Steps of the search; the first one needs the second frame."""
+        """Steps of the search, each with the frames that have come so far."""
 
     @property
     def is_doubtful(self) -> bool:

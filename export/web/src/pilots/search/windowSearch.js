@@ -34,7 +34,7 @@ export class WindowSearch {
   isSettling = false;
 
   /**
-   * @param {Watch} watch - the film, of which no second frame has come
+   * @param {Watch} watch - the film, of which the reference frame has come
    * @param {readonly Layout[]} layouts - those that may be shown
    * @param {readonly number[]} turns - quarter turns after which quadrilaterals are tried that are
    *   proposed late
@@ -46,7 +46,7 @@ export class WindowSearch {
     this.#layouts = layouts;
     this.#turns = turns;
     this.#isEager = isEager;
-    /** Steps of the search; the first one needs the second frame. */
+    /** Steps of the search, each with the frames that have come so far. */
     this.steps = this.#search();
   }
 
