@@ -51,8 +51,9 @@ class Watch:
         gray = as_gray(reference)
         self.first = HeldFrame(gray, np.eye(3), 0.0, time)
         """The reference as a frame."""
-        self.window = longer * int(np.clip(round(WINDOW_S * fps), LEAST_WINDOW, MOST_WINDOW))
-        """Number of frames that are watched."""
+        usual = int(np.clip(round(WINDOW_S * fps), LEAST_WINDOW, MOST_WINDOW))
+        self.window, self.soon = longer * usual, usual // 2
+        """Number of frames that are watched, and number after which they are looked at first."""
         self.frames: list[HeldFrame] = []
         """Frames watched so far; none before the second frame of the film."""
         self.confirming = 2 * self.window // 3

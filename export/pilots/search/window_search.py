@@ -62,14 +62,14 @@ class WindowSearch:
     def _search(self) -> Search:
         """Look for the display in the film that follows the reference.
 
-        Edges are glanced at after half of the window and after each quarter. Once all frames have
+        Edges are glanced at soon and after each quarter of the window. Once all frames have
         been watched, other quadrilaterals are, and the pilots are fitted to those that probably
         bound a display, if not exactly.
         """
         watch = self.watch
         proposer = Proposer(watch, self._layouts, watch.fps)
         edges = proposer.edges
-        count, seen = watch.window // 2, 0
+        count, seen = watch.soon, 0
         while seen < watch.window:
             while len(watch.frames) < min(count, watch.window):
                 for quad in edges:

@@ -39,9 +39,11 @@ export class Watch {
     const { width, height } = this.#stabiliser.reference;
     /** What toggles in the frames watched. */
     this.map = new ToggleMap(width, height);
+    const usual = Math.min(MOST_WINDOW, Math.max(LEAST_WINDOW, roundHalfEven(WINDOW_S * fps)));
     /** Number of frames that are watched. */
-    this.window =
-      longer * Math.min(MOST_WINDOW, Math.max(LEAST_WINDOW, roundHalfEven(WINDOW_S * fps)));
+    this.window = longer * usual;
+    /** Number of frames after which they are looked at first. */
+    this.soon = Math.floor(usual / 2);
     /** Number of later frames that must agree with what is not certain. */
     this.confirming = Math.floor((2 * this.window) / 3);
     this.#most = Math.max(LEAST_HELD, roundHalfEven(HELD_S * fps), this.confirming);

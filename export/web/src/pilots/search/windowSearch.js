@@ -69,7 +69,7 @@ export class WindowSearch {
     const quarter = Math.floor(watch.window / 4);
     /** @type {Point[][]} */
     let faint = [];
-    for (let count = 2 * quarter, seen = 0; seen < watch.window; count = seen + quarter) {
+    for (let count = watch.soon, seen = 0; seen < watch.window; count = seen + quarter) {
       while (watch.frames.length < Math.min(count, watch.window)) {
         for (const quad of edges) watch.places(quad, watch.frames.length); // each frame its share
         yield NEXT_FRAME;
