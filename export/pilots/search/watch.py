@@ -69,11 +69,6 @@ class Watch:
         self._stabiliser = Stabiliser(gray, far_apart=picture_moves)
         self.on_copy, self.on_image = self._stabiliser.on_copy, self._stabiliser.on_image
 
-    @property
-    def is_full(self) -> bool:
-        """Whether all frames have come that are watched."""
-        return len(self.frames) >= self.window
-
     def take(self, gray: Gray, time: float) -> bool:
         """Hold the next frame still, and keep it where it still shows enough of the reference.
 
@@ -87,18 +82,20 @@ class Watch:
         H = self._stabiliser.follow(gray)
         if H is None:
             return False
-        at = position(time - self.first.time, self.fps)
-        frame = HeldFrame(gray, H, at, time, self._stabiliser.tracks)
         size = np.array(self.reference.shape[1::-1])
         seen = in_image(transform(H, CHECKED * size - 0.5), self.reference.shape)
+        if float(seen.mean()) < IN_VIEW:
+            return False
+        at = position(time - self.first.time, self.fps)
+        frame = HeldFrame(gray, H, at, time, self._stabiliser.tracks)
         if not self.frames:  # now the film can be held still
             self._add(self.first)
         self.held.append(frame)
-        if self.is_full:
-            self.later.append(frame)
-        else:
+        if len(self.frames) < self.window:
             self._add(frame)
-        return float(seen.mean()) >= IN_VIEW
+        else:
+            self.later.append(frame)
+        return True
 
     def _add(self, frame: HeldFrame) -> None:
         """Watch a frame."""

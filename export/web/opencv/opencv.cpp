@@ -31,10 +31,6 @@ PAGE void blurred(const Plane &from, double sigma, int border, const Plane &to) 
   GaussianBlur(floats, to.mat(), Size(length, length), sigma, sigma, border);
 }
 
-PAGE void boxMeans(const Plane &from, int across, int down, int border, const Plane &to) {
-  blur(from.mat(), to.mat(), Size(across, down), Point(-1, -1), border);
-}
-
 static void takeMeanAround(const Mat &from, Size around, Mat &&to) {
   blur(from, to, around);
   subtract(from, to, to);

@@ -17,21 +17,6 @@ export function blurred(plane, sigma, beyond = BEYOND.reflect) {
 }
 
 /**
- * Average over a box around each pixel, as `cv2.blur` does.
- *
- * @param {FloatPlane} plane
- * @param {number} across - width of the box, pixels
- * @param {number} down - its height, pixels
- * @param {number} [beyond] - one of `BEYOND`
- * @returns {FloatPlane}
- */
-export function boxMeans(plane, across, down, beyond = BEYOND.reflect) {
-  const result = floatPlane(plane.width, plane.height);
-  call("boxMeans", [plane, across, down, beyond], [result]);
-  return result;
-}
-
-/**
  * Take off the mean around each pixel; beyond the border the image is mirrored.
  *
  * @param {FloatPlane} plane

@@ -14,8 +14,8 @@
  * @typedef {{ width: number, height: number, data: Samples }} Plane
  */
 
-/** What lies beyond the border of an image: nothing, its outermost pixels, or itself mirrored. */
-export const BEYOND = { zero: 0, replicate: 1, reflect: 4 };
+/** What lies beyond the border of an image: its outermost pixels, or itself mirrored. */
+export const BEYOND = { replicate: 1, reflect: 4 };
 /** How pixels of a resized image come from those that were there. */
 export const BY = { linear: 1, cubic: 2, area: 3 };
 

@@ -93,7 +93,7 @@ const phasesOfLayouts = new WeakMap();
  * @param {Layout} layout - with pilots
  * @returns {Wave[]} (pilots,) for each of `PHASE_SLOPES`
  */
-export function signedPhases(layout) {
+function signedPhases(layout) {
   const known = phasesOfLayouts.get(layout);
   if (known) return known;
   const signs = pilotSigns(layout);

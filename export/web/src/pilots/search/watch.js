@@ -77,18 +77,19 @@ export class Watch {
   take(gray, time) {
     const H = this.#stabiliser.follow(gray);
     if (H === null) return false;
+    const { width, height } = this.reference;
+    const places = CHECKED.map(
+      ([x, y]) => /** @type {Point} */ ([x * width - 0.5, y * height - 0.5]),
+    );
+    const inView = inImage(transform(H, places), width, height);
+    if (inView.filter(Boolean).length < IN_VIEW * places.length) return false;
     const at = position(time - this.start, this.fps);
     if (this.frames.length === 0) this.#add(this.held[0]); // now the film can be held still
     this.held.push(new HeldFrame(gray, H, at, time, this.#stabiliser.tracks));
     if (this.held.length > this.#most) this.held.shift();
     if (!this.isFull) this.#add(this.newest);
     this.seen++;
-    const { width, height } = this.reference;
-    const places = CHECKED.map(
-      ([x, y]) => /** @type {Point} */ ([x * width - 0.5, y * height - 0.5]),
-    );
-    const inView = inImage(transform(H, places), width, height);
-    return inView.filter(Boolean).length >= IN_VIEW * places.length;
+    return true;
   }
 
   /** Watch a frame. @param {HeldFrame} frame */
