@@ -128,9 +128,9 @@ class PilotSearch:
 
     def _give_up(self, window: WindowSearch) -> None:
         """Drop a window. Where something toggled in it like a display, the next picture moves."""
-        others = [each for each in self._windows if each is not window]
-        self.picture_moves = window.is_doubtful and not any(o.watch.picture_moves for o in others)
-        self._windows = [] if self.picture_moves else others
+        self._windows = [each for each in self._windows if each is not window]
+        if window.is_doubtful and not any(o.watch.picture_moves for o in self._windows):
+            self._windows, self.picture_moves = [], True
 
     def _ended(self, settled: Settled | None, window: WindowSearch) -> PilotDisplay | None:
         """Say what was found in a window, and choose how the next one begins."""

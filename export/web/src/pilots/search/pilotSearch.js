@@ -154,9 +154,10 @@ export class PilotSearch {
    * @param {WindowSearch} window
    */
   #giveUp(window) {
-    const others = this.#windows.filter((each) => each !== window);
-    this.pictureMoves = window.isDoubtful && !others.some(({ watch }) => watch.pictureMoves);
-    this.#windows = this.pictureMoves ? [] : others;
+    this.#windows = this.#windows.filter((each) => each !== window);
+    if (!window.isDoubtful || this.#windows.some(({ watch }) => watch.pictureMoves)) return;
+    this.#windows = [];
+    this.pictureMoves = true;
   }
 
   /**
