@@ -7,6 +7,7 @@ import tolerances as within
 from conftest import cases
 from port import Port, differences, same
 
+from export.pilots.stabilise import FLOW_ENDS
 from link.errors import InputError
 from link.geometry import (
     Lens,
@@ -203,6 +204,7 @@ def test_points_are_followed(
         *(first, second, points, begun.copy()),
         winSize=(window_px, window_px),
         maxLevel=2,
+        criteria=FLOW_ENDS,
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
     )
     follow = port("image/points.js").follow

@@ -568,11 +568,12 @@ PAGE int features(const Plane &image, const Plane *mask, double quality, double 
 
 // `found` is 1 for each point that was followed; a guess of null is where the points were.
 PAGE void flow(const Plane &reference, const Plane &image, const Plane &points, const Plane *guess,
-               int side, int halvings, const Plane &moved, const Plane &found) {
+               int side, int halvings, int steps, double settled, const Plane &moved,
+               const Plane &found) {
   Mat there = (guess ? *guess : points).points().clone(), status;
   calcOpticalFlowPyrLK(reference.mat(), image.mat(), points.points(), there, status, noArray(),
                        Size(side, side), halvings,
-                       TermCriteria(TermCriteria::COUNT + TermCriteria::EPS, 30, 0.01),
+                       TermCriteria(TermCriteria::COUNT + TermCriteria::EPS, steps, settled),
                        OPTFLOW_USE_INITIAL_FLOW);
   there.copyTo(moved.points());
   status.reshape(1, 1).copyTo(found.mat());

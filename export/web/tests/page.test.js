@@ -71,30 +71,58 @@ test("times begin at 0, and those that cannot be are replaced", () => {
   }
 });
 
-test("answers on what was read before are not heard", async () => {
+/**
+ * Make the page's end of a worker that takes frames in this way, and wait until it is ready.
+ *
+ * @param {(pixels: any, time: number) => any} take
+ */
+async function receptionOf(take) {
   /** @type {any[]} */
   const heard = [];
   const listener = new Proxy({}, { get: (_, name) => (/** @type {any} */ step) => {
     if (name === "step") heard.push(step);
   } });
   const { port1, port2 } = new MessageChannel();
-  const step = { progress: 0.5 };
-  const functions = { load() {}, warm() {}, start() {}, take: () => step };
-  expose(functions, /** @type {any} */ (port2));
+  expose({ load() {}, warm() {}, start() {}, take }, /** @type {any} */ (port2));
   const Worker = function () {
     return port1;
   };
   Object.assign(globalThis, { Worker, document: { baseURI: "http://localhost/" } });
   const reception = new Reception(/** @type {any} */ (listener));
   while (!reception.isReady) await new Promise((resolve) => setTimeout(resolve));
+  return { reception, heard, port: port1 };
+}
+
+test("answers on what was read before are not heard", async () => {
+  const step = { progress: 0.5 };
+  const { reception, heard, port } = await receptionOf(() => step);
   for (const isOver of [false, true]) {
     reception.begin(30);
     const heardOf = reception.offer({}, 0);
     if (isOver) reception.end();
     await heardOf;
   }
-  port1.close();
+  port.close();
   assert.deepEqual(heard, [step]);
+});
+
+test("of the frames that come while the worker is busy, the newest waits", async () => {
+  const { reception, heard, port } = await receptionOf((_, time) => ({ time }));
+  reception.begin(30);
+  let closed = 0;
+  reception.offer({}, 0);
+  const frame = /** @type {any} */ ({ close: () => closed++ });
+  for (const time of [1, 2]) reception.offer({ frame }, time);
+  reception.offer({}, 3);
+  assert.equal(reception.offer(() => assert.fail("a frame was made in vain"), 4), null);
+  await reception.whenIdle();
+  assert.deepEqual([closed, reception.taken, reception.dropped], [2, 2, 3]);
+  reception.offer({}, 5);
+  reception.offer({ frame }, 6);
+  reception.begin(30);
+  await reception.whenIdle();
+  port.close();
+  assert.deepEqual([closed, ...heard.map(({ time }) => time)], [3, 0, 3]);
 });
 
 test("a frame is turned clockwise", () => {

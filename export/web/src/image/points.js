@@ -1,6 +1,9 @@
 /** Points of an image that can be found again, and what motion they share. Points are x, y, x, ... */
 
+import { pilotsStabilise } from "../generated/constants.js";
 import { call } from "./opencv.js";
+
+const [, STEPS, SETTLED_PX] = pilotsStabilise.FLOW_ENDS;
 
 /** @typedef {Float32Array | Float64Array} Points */
 
@@ -36,7 +39,8 @@ export function chooseFeatures(image, count, quality, apart, mask = null) {
 export function follow(reference, image, points, side, halvings, guess = null) {
   const moved = new Float32Array(points.length);
   const found = new Uint8Array(points.length / 2);
-  call("flow", [reference, image, points, guess, side, halvings], [moved, found]);
+  const how = [side, halvings, STEPS, SETTLED_PX];
+  call("flow", [reference, image, points, guess, ...how], [moved, found]);
   return { moved, found };
 }
 

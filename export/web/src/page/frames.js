@@ -20,8 +20,8 @@ const { DEFAULT_FPS, MAX_FPS } = imagesVideo;
  */
 
 /**
- * Takes a frame, or a function that makes it where it is wanted, and the frame's time in seconds;
- * the frame is its own from then on.
+ * Takes a frame, or a function that makes it at some cost where it is wanted, and the frame's time
+ * in seconds; the frame is its own from then on.
  *
  * @typedef {(pixels: Pixels | (() => Pixels), time: number) => unknown} Take
  */
@@ -74,7 +74,9 @@ export function videoFrames(video, take, signal) {
       ask();
       if (!video.videoWidth || time === last) return;
       last = time;
-      take(() => pixelsOf(video, canvas, time), time);
+      const timestamp = Math.round(1e6 * time);
+      if (typeof VideoFrame !== "undefined") take({ frame: new VideoFrame(video, { timestamp }) }, time);
+      else take(() => pixelsOf(video, canvas), time);
     };
     const ask = () => {
       if (video.requestVideoFrameCallback) {
@@ -96,16 +98,13 @@ export function videoFrames(video, take, signal) {
 }
 
 /**
- * Take what a video element shows now.
+ * Take what a video element shows now, where the browser does not give its frames.
  *
  * @param {HTMLVideoElement} video
- * @param {HTMLCanvasElement} canvas - is drawn on where the browser does not give its frames
- * @param {number} time - in seconds
+ * @param {HTMLCanvasElement} canvas - is drawn on
+ * @returns {Pixels}
  */
-function pixelsOf(video, canvas, time) {
-  if (typeof VideoFrame !== "undefined") {
-    return { frame: new VideoFrame(video, { timestamp: Math.round(1e6 * time) }) };
-  }
+function pixelsOf(video, canvas) {
   const [width, height] = [video.videoWidth, video.videoHeight];
   if (canvas.width !== width || canvas.height !== height) {
     [canvas.width, canvas.height] = [width, height];

@@ -1,5 +1,6 @@
 /**
- * The page's end of the worker: gives it frames one at a time, and drops those that come meanwhile.
+ * The page's end of the worker: gives it frames one at a time. Of those that come meanwhile the
+ * newest waits, so that the worker need not wait for the camera; the others are dropped.
  */
 
 import { transfer, wrap } from "comlink";
@@ -51,6 +52,8 @@ export class Reception {
     this.times = [];
     /** Resolves when the worker is done with what it does now; null where it waits. */
     this.busy = /** @type {Promise<void> | null} */ (null);
+    /** The newest frame that came while the worker was busy, and its time in seconds. */
+    this.waiting = /** @type {{ pixels: Pixels, time: number } | null} */ (null);
     const worker = new Worker(new URL("worker.js", document.baseURI), { type: "module" });
     worker.onerror = (event) => {
       event.preventDefault();
@@ -75,6 +78,8 @@ export class Reception {
   end() {
     this.session++;
     this.times = [];
+    this.waiting?.pixels.frame?.close();
+    this.waiting = null;
     this.taken = this.dropped = 0;
     this.fps = null;
   }
@@ -94,22 +99,39 @@ export class Reception {
   }
 
   /**
-   * Give a frame to the worker, or drop it where the worker is not ready for it.
+   * Give a frame to the worker. While the worker is busy, the frame waits in place of one before;
+   * before the worker is ready, it is dropped.
    *
    * @param {Pixels | (() => Pixels)} frame - belongs to the worker from now on; a function makes
-   *   it, and is called only where the frame is not dropped
+   *   it at some cost, and is called only where the worker waits for it
    * @param {number} time - in seconds
-   * @returns {Promise<void> | null} resolves when the worker is done; null where it was dropped
+   * @returns {Promise<void> | null} resolves when the worker is done; null where it does not read
+   *   the frame, or not yet
    */
   offer(frame, time) {
-    if (!this.isReady || this.fps === null || this.busy) {
+    const isMade = typeof frame === "object";
+    if (!this.isReady || this.fps === null) {
       if (this.fps === null) this.measure(time);
-      else if (this.busy) this.dropped++;
-      if (typeof frame === "object") frame.frame?.close();
+      if (isMade) frame.frame?.close();
       return null;
     }
+    if (!this.busy) return this.give(isMade ? frame : frame(), time);
+    if (this.waiting || !isMade) this.dropped++;
+    if (!isMade) return null;
+    this.waiting?.pixels.frame?.close();
+    this.waiting = { pixels: frame, time };
+    return null;
+  }
+
+  /**
+   * Have the worker read a frame.
+   *
+   * @param {Pixels} pixels
+   * @param {number} time - in seconds
+   * @returns {Promise<void>} resolves when the worker is done
+   */
+  give(pixels, time) {
     this.taken++;
-    const pixels = typeof frame === "object" ? frame : frame();
     const moved = pixels.frame ?? pixels.rgba?.data.buffer;
     return this.hear(this.worker.take(transfer(pixels, moved ? [moved] : []), time));
   }
@@ -153,6 +175,9 @@ export class Reception {
     this.busy = answer.then(
       (step) => {
         this.busy = null;
+        const next = this.waiting;
+        this.waiting = null;
+        if (next) void this.give(next.pixels, next.time);
         if ("kept" in step) this.listener.kept(step.kept);
         else if (session === this.session) this.listener.step(step);
       },
