@@ -2,7 +2,7 @@
 
 import shutil
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -49,7 +49,15 @@ def find_browser() -> str | None:
 
 
 class QuietHandler(SimpleHTTPRequestHandler):
-    """Serves a folder's files and prints nothing."""
+    """Serves a folder's files, and others by their names, and prints nothing."""
+
+    def __init__(self, *request: Any, others: Mapping[str, Path], directory: Path) -> None:
+        self._others = others
+        super().__init__(*request, directory=directory)
+
+    def translate_path(self, path: str) -> str:
+        """Tell which file an address names."""
+        return str(self._others.get(path[1:]) or super().translate_path(path))
 
     def log_message(self, *_: object) -> None:
         """Leave out the line that is usually printed for each request."""
@@ -61,9 +69,15 @@ class QuietHandler(SimpleHTTPRequestHandler):
 
 
 @contextmanager
-def serve_folder(folder: Path) -> Iterator[str]:
-    """Serve a folder to this machine alone; gives its address, which ends with a slash."""
-    with ThreadingHTTPServer(("127.0.0.1", 0), partial(QuietHandler, directory=folder)) as server:
+def serve_folder(folder: Path, others: Mapping[str, Path] | None = None) -> Iterator[str]:
+    """Serve a folder to this machine alone; gives its address, which ends with a slash.
+
+    Args:
+        folder: the folder.
+        others: more files, by the names that they have beside those of the folder.
+    """
+    handler = partial(QuietHandler, others=others or {}, directory=folder)
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         try:
             yield f"http://127.0.0.1:{server.server_port}/"

@@ -6,16 +6,15 @@ same film in one of two ways:
 
 - ``--by node``: it reads the frames from a file, in Node.js, one after another; both receivers have
   one thread. The file waits for them.
-- ``--by chromium``: the whole page runs in Chromium, whose simulated camera plays the film in its
-  own time. Frames that come while the page is busy are lost, as on a phone; so are those that come
-  while Python's receiver is busy. The film is longer than the time that the page has for it, so
-  that it does not begin again. The page is opened twice: a browser compiles its code at the first
-  visit, and keeps it for the next.
+- ``--by chromium``: the whole page runs in Chromium, before a simulated camera (camera.js) that
+  plays the film in its own time. Frames that come while the page is busy are lost, as on a phone;
+  so are those that come while Python's receiver is busy. The page is opened twice: a browser
+  compiles its code at the first visit, and keeps it for the next.
 
 The seconds until the message are those of the camera, from the first frame that a receiver which
-is ready could take. Python's receiver is ready before the film begins. Before Chromium's camera,
-the page's seconds begin when the camera has been opened and the page has said that it is ready,
-whichever comes later; how long that takes from the page's opening is told beside them.
+is ready could take. Python's receiver is ready before the film begins. In Chromium, the page's
+seconds begin when the camera has been opened and the page has said that it is ready, whichever
+comes later; how long that takes from the page's opening is told beside them.
 
 Films are read one after the other whatever ``--jobs`` says, so that times can be compared. Needs
 Node.js and npm; ``chromium`` needs Playwright and Chromium, too.
@@ -39,7 +38,7 @@ from data_gen.pairs import PAIRS
 from export.receive.decoders import open_decoders
 from export.receive.receiver import Receiver
 from export.web.site import build_site, run_node
-from lab.films.browser import camera_flags, open_chromium, serve_folder, text_of
+from lab.films.browser import open_chromium, serve_folder, text_of
 from lab.films.trial import FilmSettings, MessageFilm, Take, film_message
 from lab.films.y4m import read_y4m, write_y4m
 from lab.study import Results, Study, StudyFlags, Workshop
@@ -87,18 +86,17 @@ STATISTICS = "Medians; shares have 95 % intervals, ratios the least and the larg
 READ = {
     "node": f"Each is {FILM_S['node']:g} s long. Both receivers on one thread. {STATISTICS}",
     "chromium": (
-        f"Chromium's camera plays each, for at most {CAMERA_S:g} s. Seconds run from the first "
-        "frame that a receiver could take, which is ready by then. Frames are those that it had "
-        "time for; Python's receiver takes the film's in their own time, too. The page had been "
-        "opened before, but for the last column. Where the camera gives fewer than the film's 30 "
-        "frames/s, the machine was too busy, and the film ran slower and less evenly than it was "
-        "taken. "
-        f"{STATISTICS}"
+        f"In Chromium a camera plays each in the film's own time, for at most {CAMERA_S:g} s. "
+        "Seconds run from the first frame that a receiver could take, which is ready by then. "
+        "Frames are those that it had time for; Python's receiver takes the film's in their own "
+        f"time, too. The page had been opened before, but for the last column. {STATISTICS}"
     ),
 }
 """Words above a table of how films were read, by the way of the page."""
-COUNTS = re.compile(r"(\d+) frames read, (\d+) skipped")
-"""Pattern of the numbers of frames that the page shows among its details."""
+TAKEN = re.compile(r"(\d+) frames read")
+"""Pattern of the number of frames that the page shows among its details."""
+CAMERA = Path(__file__).with_name("camera.js")
+"""Script that gives the page a camera which plays a film."""
 WATCH = """
 window.seen = { camera: null, ready: null, message: null };
 const devices = navigator.mediaDevices;
@@ -151,15 +149,8 @@ class Read:
     """Time that the receiver took for them, seconds; before a camera the whole time."""
     stages: dict[str, float]
     """Part of this time that each stage took, seconds; empty where it was not measured."""
-    skipped: int = 0
-    """Number of frames that came while the receiver was busy."""
     waited: float = 0.0
     """Time from the page's opening until it could take a frame, seconds; 0 without a camera."""
-
-    @property
-    def camera_fps(self) -> float:
-        """Number of frames a second that the camera gave; a busy machine has less than the film."""
-        return (self.frames + self.skipped) / max(self.time, 1e-9)
 
 
 @dataclass(frozen=True)
@@ -179,7 +170,7 @@ class FilmRead:
     page: Read
     """What the page's receiver made of it."""
     first: Read | None = None
-    """What it made of it when the page was opened for the first time, before Chromium's camera."""
+    """What it made of it when the page was opened for the first time, before a camera."""
 
     def read_by(self, who: str) -> Read:
         """Return what one receiver made of it, "python" or "page"."""
@@ -228,13 +219,6 @@ class PageTake:
         return film_message(Take(settings, pair, view, self.number, self.seed))
 
 
-def write_gray_film(filmed: MessageFilm, path: Path) -> None:
-    """Film, and write the gray frames to a .y4m file, which Chromium's camera plays, too."""
-    with replaced(path) as hidden, hidden.open("wb") as stream:
-        grays = (as_gray(frame.rgb) for frame in filmed.frames)
-        write_y4m(stream, grays, filmed.take.settings.fps)
-
-
 def film_mark(take: PageTake) -> str:
     """Name all that decides the films of a setting and a way, apart from their numbers."""
     drawn = repr((SETTINGS[take.setting], take.seed, FILM_S[take.way]))
@@ -249,7 +233,9 @@ def film_file(take: PageTake, filmed: MessageFilm) -> Iterator[Path]:
         if take.kept is not None:
             path = take.kept / f"{take.setting}_{take.number}_{film_mark(take)}.y4m"
         if not path.is_file():
-            write_gray_film(filmed, path)
+            with replaced(path) as hidden, hidden.open("wb") as stream:
+                grays = (as_gray(frame.rgb) for frame in filmed.frames)
+                write_y4m(stream, grays, filmed.take.settings.fps)
         yield path
 
 
@@ -265,12 +251,11 @@ def read_in_python(filmed: MessageFilm, path: Path, waits: bool) -> Read:
     fps = filmed.take.settings.fps
     receiver = Receiver(decoders, fps, film=film)
     message: str | None = None
-    seconds, time, skipped, begun = 0.0, 0.0, 0, perf_counter()
+    seconds, time, begun = 0.0, 0.0, perf_counter()
     for number, gray in enumerate(read_y4m(path)):
         time = number / fps
         early = begun + time - perf_counter()
         if not waits and early < -1 / fps:
-            skipped += 1
             continue
         sleep(0 if waits else max(0, early))
         start = perf_counter()
@@ -280,7 +265,7 @@ def read_in_python(filmed: MessageFilm, path: Path, waits: bool) -> Read:
             message = step.message.data.hex()
             break
     time = time if waits else perf_counter() - begun
-    return Read(message, time, receiver.frames, seconds, dict(receiver.timing.spent), skipped)
+    return Read(message, time, receiver.frames, seconds, dict(receiver.timing.spent))
 
 
 def read_in_node(site: Path, path: Path) -> Read:
@@ -296,13 +281,15 @@ def read_in_node(site: Path, path: Path) -> Read:
 
 
 def read_in_chromium(site: Path, path: Path) -> tuple[Read, Read]:
-    """Let the page watch a film in Chromium's simulated camera, at its first visit and at the next.
+    """Let the page watch a film by a simulated camera, at its first visit and at the next.
 
     Raises:
         InputError: Playwright or Chromium is missing.
     """
-    with serve_folder(site) as address, open_chromium(camera_flags(path)) as page:
-        page.add_init_script(WATCH)
+    others = {"film.y4m": path, CAMERA.name: CAMERA}
+    with serve_folder(site, others) as address, open_chromium() as page:
+        for script in (CAMERA.read_text(encoding="utf-8"), WATCH):
+            page.add_init_script(script)
         begun = perf_counter()
         first = visit(page, address)
         page.wait_for_timeout(max(0.0, 1000 * (begun + STAYED_S - perf_counter())))
@@ -316,8 +303,7 @@ def visit(page: "Page", address: str) -> Read:
     end = perf_counter() + CAMERA_S
     while (seen := page.evaluate("seen"))["message"] is None and perf_counter() < end:
         page.wait_for_timeout(100)
-    counts = COUNTS.search(text_of(page, "details"))
-    taken, skipped = (int(count) for count in counts.groups()) if counts else (0, 0)
+    taken = TAKEN.search(text_of(page, "details"))
     data, time = None, CAMERA_S
     waited = max(seen["camera"] or 0, seen["ready"] or 0) / 1000
     if seen["message"] is not None:
@@ -325,7 +311,7 @@ def visit(page: "Page", address: str) -> Read:
         with page.expect_download() as saved:
             page.locator("#keep").click()
         data = Path(saved.value.path()).read_bytes().hex()
-    return Read(data, time, taken, time, {}, skipped, waited)
+    return Read(data, time, int(taken[1]) if taken else 0, time, {}, waited)
 
 
 def read_film(take: PageTake) -> dict[str, Any]:
@@ -355,9 +341,8 @@ def read_films(flags: PageFlags, workshop: Workshop, site: Path) -> list[FilmRea
         )
         for name, number in product(flags.settings, range(flags.films))
     }
-    parts = ["worker.js", "decoding.js", "presets.json"]
-    parts += ["page.js"] if flags.by == "chromium" else []
-    files = [site / name for name in parts]
+    parts = ["worker.js", "decoding.js", "presets.json", "page.js"]
+    files = [CAMERA, *(site / name for name in parts)]
     files += [*sorted(site.rglob("*.onnx")), *sorted(site.glob("*.wasm"))]
     stored = replace(workshop, backend=Backend()).each(read_film, takes, files)
     return [FilmRead.from_stored(fields) for fields in stored.values()]
@@ -391,7 +376,6 @@ def page_table(films: Sequence[FilmRead], by: str) -> Table:
             rates = [film.read_by(who).frames / film.read_by(who).seconds for film in mine]
             row.append(f"{np.median(rates):.0f}")
         if by == "chromium":
-            row.append(f"{np.median([film.page.camera_fps for film in mine]):.0f}")
             row.append(f"{np.median([film.page.waited for film in mine]):.1f}")
             firsts = [film.first.time for film in mine if film.first]
             row.append(f"{np.median(firsts):.1f}")
@@ -399,7 +383,7 @@ def page_table(films: Sequence[FilmRead], by: str) -> Table:
     heads = ["preset", "films", "Python", "page", "wrong, page", "Python, s", "page, s"]
     heads += ["page's s over Python's", "Python, frames/s", "page, frames/s"]
     if by == "chromium":
-        heads += ["camera, frames/s", "page opened until ready, s", "page at first visit, s"]
+        heads += ["page opened until ready, s", "page at first visit, s"]
     return Table(heads, rows, f"{FILMED} {READ[by]}")
 
 

@@ -22,13 +22,11 @@ from lab.films.y4m import read_y4m, write_y4m
 from lab.study import Workshop
 from link.code.framing import encode
 from link.errors import InputError
-from link.images import write_bytes
 from reports.engine.backends import Backend
 
 
 def read(data: str | None, time: float, **stages: float) -> Read:
-    fps = {"frames": 10, "skipped": round(20 * time - 10)}  # 20 in a second
-    return Read(data, time, seconds=0.5, stages=stages, waited=time / 2, **fps)
+    return Read(data, time, frames=10, seconds=0.5, stages=stages, waited=time / 2)
 
 
 def films() -> list[FilmRead]:
@@ -55,7 +53,7 @@ def test_what_did_not_come_and_what_is_wrong_count_apart() -> None:
 def test_before_a_camera_the_page_gets_ready_first() -> None:
     cells = cells_of(page_table(films(), "chromium"))
     assert cells[:10] == cells_of(page_table(films(), "node"))
-    assert cells[10:] == ["20", "1.5", "4.0"]
+    assert cells[10:] == ["1.5", "4.0"]
 
 
 def test_stages_are_given_a_frame() -> None:
@@ -102,12 +100,10 @@ def test_films_that_were_read_are_not_read_again(way, tmp_path, monkeypatch) -> 
     assert read(1) == films()[:1]
     assert read(2) == films()[:2]
     assert asked == [(way, "paper", 0), (way, "paper", 1)]
-    (tmp_path / "site" / "page.js").write_text("changed")
-    assert read(1) == films()[:1]
-    assert len(asked) == (3 if way == "chromium" else 2)
-    (tmp_path / "site" / "worker.js").write_text("changed")
-    read(1)
-    assert len(asked) == (4 if way == "chromium" else 3)
+    for number, program in enumerate(("page.js", "worker.js"), 3):
+        (tmp_path / "site" / program).write_text("changed")
+        assert read(1) == films()[:1]
+        assert len(asked) == number
 
 
 def test_films_of_both_ways_differ_in_length_alone(monkeypatch) -> None:
@@ -122,20 +118,21 @@ def test_films_of_both_ways_differ_in_length_alone(monkeypatch) -> None:
 
 
 def test_a_film_that_is_kept_is_filmed_once(tmp_path, monkeypatch) -> None:
-    written_to = []
+    written_at = []
+
+    def write(stream, grays, fps: float) -> None:
+        written_at.append(fps)
+        stream.write(b"film")
+
     monkeypatch.setattr(page, "code_digest", lambda *modules: "")
-    monkeypatch.setattr(
-        page,
-        "write_gray_film",
-        lambda _, path: (written_to.append(path), write_bytes(path, b"film")),
-    )
+    monkeypatch.setattr(page, "write_y4m", write)
     for kept in (None, tmp_path / "kept"):
         take = PageTake("node", "paper", 0, 0, Path(), kept)
         for _ in range(2):
-            with page.film_file(take, None) as path:
+            with page.film_file(take, take.film()) as path:
                 assert path.read_text() == "film"
             assert path.exists() == (kept is not None)
-    assert len(written_to) == 3
+    assert written_at == [30, 30, 30]
 
 
 def test_what_is_missing_for_the_camera_is_said_in_one_line(monkeypatch) -> None:
