@@ -27,8 +27,6 @@ from link.code.steps import Steps
 from link.layout import Layout
 from link.types import Array
 
-GLANCES = 2
-"""Number of quadrilaterals that are glanced at in one step."""
 ANY_TURN = 0, 1
 """Quarter turns after which quadrilaterals are tried upright and upside down, so that any of their
 sides may be up."""
@@ -68,7 +66,7 @@ class WindowSearch:
         """
         watch = self.watch
         proposer = Proposer(watch, self._layouts, watch.fps)
-        edges = proposer.edges
+        edges = yield from proposer.edges()
         count, seen = watch.soon, 0
         while seen < watch.window:
             while len(watch.frames) < min(count, watch.window):
@@ -112,12 +110,11 @@ class WindowSearch:
             count: as `Watch.places` takes it; None for those that are proposed late.
         """
         turns = self._turns if count is None else ANY_TURN
-        for number, quad in enumerate(quads):
+        for quad in quads:
             evidence, proposal = proposer.glance(quad, turns, count)
             if evidence > PROMISING and (found := (yield from self._weigh_and_settle(proposal))):
                 return found
-            if number % GLANCES == GLANCES - 1:
-                yield 1
+            yield 1
         return None
 
     def _fit(self, quads: Sequence[Array], proposer: Proposer) -> Search:
