@@ -104,14 +104,11 @@ class Proposer:
         self._finest = finest.cols, finest.rows
         periods = (np.array(STATES_HZ) / 2 / fps) % 1
         self._frequencies = sorted({float(f) for f in np.minimum(periods, 1 - periods) if f > 0})
+        within = display_candidates(watch.reference, CANDIDATES)
+        leaving = leaving_quads(watch.reference, LEAVING)
+        self.edges: list[Array] = [*(candidate.corners for candidate in within), *leaving]
+        """Quadrilaterals of edges, (4, 2) pixels of the reference, the strongest first."""
         self._glances: dict[bytes, tuple[float, Proposal, Array]] = {}
-
-    def edges(self) -> Steps[list[Array]]:
-        """Propose quadrilaterals of edges, (4, 2) pixels of the reference, the strongest first."""
-        within = display_candidates(self._watch.reference, CANDIDATES)
-        yield 1
-        leaving = leaving_quads(self._watch.reference, LEAVING)
-        return [*(candidate.corners for candidate in within), *leaving]
 
     def faint_edges(self) -> Iterator[list[Array]]:
         """Propose quadrilaterals in the mean of all frames, which has less noise than a frame.

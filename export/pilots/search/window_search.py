@@ -27,6 +27,8 @@ from link.code.steps import Steps
 from link.layout import Layout
 from link.types import Array
 
+GLANCES = 2
+"""Number of quadrilaterals that are glanced at in one step."""
 ANY_TURN = 0, 1
 """Quarter turns after which quadrilaterals are tried upright and upside down, so that any of their
 sides may be up."""
@@ -66,7 +68,7 @@ class WindowSearch:
         """
         watch = self.watch
         proposer = Proposer(watch, self._layouts, watch.fps)
-        edges = yield from proposer.edges()
+        edges = proposer.edges
         count, seen = watch.soon, 0
         while seen < watch.window:
             while len(watch.frames) < min(count, watch.window):
@@ -110,11 +112,12 @@ class WindowSearch:
             count: as `Watch.places` takes it; None for those that are proposed late.
         """
         turns = self._turns if count is None else ANY_TURN
-        for quad in quads:
+        for number, quad in enumerate(quads):
             evidence, proposal = proposer.glance(quad, turns, count)
             if evidence > PROMISING and (found := (yield from self._weigh_and_settle(proposal))):
                 return found
-            yield 1
+            if number % GLANCES == GLANCES - 1:
+                yield 1
         return None
 
     def _fit(self, quads: Sequence[Array], proposer: Proposer) -> Search:
