@@ -208,7 +208,8 @@ def test_points_are_followed(
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
     )
     follow = port("image/points.js").follow
-    found = follow(first, second, points.reshape(-1), window_px, 2, begun.reshape(-1))
+    ends = list(FLOW_ENDS[1:])
+    found = follow(first, second, points.reshape(-1), window_px, 2, begun.reshape(-1), ends)
     same(found.found, status)
     kept = status[:, 0] == 1
     same(found.moved.reshape(-1, 2)[kept], moved[kept], within.SAME_PX)

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from export.locate.refine import OUTSIDE
-from export.pilots.stabilise import FLOW_ENDS, Stabiliser
+from export.pilots.stabilise import Stabiliser
 from link.errors import InputError
 from link.geometry import (
     Lens,
@@ -130,7 +130,6 @@ class Follower:
             self._points.copy(),
             winSize=(COMPARED_PX, COMPARED_PX),
             maxLevel=HALVINGS,
-            criteria=FLOW_ENDS,
         )
         good = status[:, 0] == 1
         if not in_image(guess, image.shape).all():

@@ -1,9 +1,9 @@
 /** Points of an image that can be found again, and what motion they share. Points are x, y, x, ... */
 
-import { pilotsStabilise } from "../generated/constants.js";
 import { call } from "./opencv.js";
 
-const [, STEPS, SETTLED_PX] = pilotsStabilise.FLOW_ENDS;
+/** Largest number of steps towards a point, and length of a last one, pixels, as OpenCV has them. */
+const FLOW_ENDS = [30, 0.01];
 
 /** @typedef {Float32Array | Float64Array} Points */
 
@@ -33,14 +33,14 @@ export function chooseFeatures(image, count, quality, apart, mask = null) {
  * @param {number} side - of the surroundings, pixels
  * @param {number} halvings - number of times that the images are halved
  * @param {Float32Array | null} [guess] - where each point is expected; where it was, where absent
+ * @param {readonly number[]} [ends] - number of steps, and pixels, as `FLOW_ENDS`
  * @returns {{ moved: Float32Array<ArrayBuffer>, found: Uint8Array<ArrayBuffer> }} where each point
  *   lies, and 1 for each that was followed to there
  */
-export function follow(reference, image, points, side, halvings, guess = null) {
+export function follow(reference, image, points, side, halvings, guess = null, ends = FLOW_ENDS) {
   const moved = new Float32Array(points.length);
   const found = new Uint8Array(points.length / 2);
-  const how = [side, halvings, STEPS, SETTLED_PX];
-  call("flow", [reference, image, points, guess, ...how], [moved, found]);
+  call("flow", [reference, image, points, guess, side, halvings, ...ends], [moved, found]);
   return { moved, found };
 }
 

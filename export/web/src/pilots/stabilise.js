@@ -11,8 +11,8 @@ import { contourArea, transform } from "../link/geometry.js";
 import { inverse, multiply3 } from "../link/linear.js";
 
 export const {
-  WIDTH, POINTS, MIN_POINTS, CLEAR, FAINT, ROOM_POINTS, APART_PX, FLOW_PX, SAME_PX, PARTS, AGREEING,
-  SPREAD, TRIES, TRIES_WITHIN,
+  WIDTH, POINTS, MIN_POINTS, CLEAR, FAINT, ROOM_POINTS, APART_PX, FLOW_PX, FLOW_ENDS, SAME_PX,
+  PARTS, AGREEING, SPREAD, TRIES, TRIES_WITHIN,
 } = pilotsStabilise;
 
 /** Number of clear points of which some are chosen. */
@@ -234,7 +234,7 @@ function clearPoints(plane, parts, least, mask = null) {
  * @returns {{ before: Float32Array, after: Float32Array }} points that were found, in both images
  */
 function foundAgain(reference, small, points, guess) {
-  const { moved, found } = follow(reference, small, points, FLOW_PX, 2, guess);
+  const { moved, found } = follow(reference, small, points, FLOW_PX, 2, guess, FLOW_ENDS.slice(1));
   const isFound = (/** @type {number} */ i) => found[i];
   return { before: chosen(points, isFound), after: chosen(moved, isFound) };
 }
