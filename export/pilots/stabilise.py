@@ -25,7 +25,7 @@ FLOW_PX = 15
 """Width and height, in pixels of the copies, of what is compared around a point."""
 FLOW_ENDS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 5, 0.03)
 """When a point on a copy counts as found, as OpenCV takes it: after five steps, or one of 0.03 px.
-Corners then lie within 0.1 px of where its own 30 steps and 0.01 px put them, in half the time."""
+Corners then lie within 0.2 px of where its own 30 steps and 0.01 px put them, in half the time."""
 PARTS = 8
 """Number of parts of the image along each axis in each of which so many points are followed at
 most, so that a display has some where the room has clearer ones."""

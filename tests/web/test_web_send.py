@@ -325,7 +325,9 @@ def test_presets_are_seen_beside_each_other(address: str, open_window: OpenWindo
     wait_for(page, lambda: len(page.frames) == 3)
     robust, hidden = page.frames[1:]
     for frame, is_playing, name in ((robust, False, "robust"), (hidden, True, "hidden")):
-        wait_for(page, lambda frame=frame: frame.evaluate("player.ready"))
+        wait_for(
+            page, lambda frame=frame: frame.evaluate("typeof player === 'object' && player.ready")
+        )
         assert frame.evaluate("player.playing") is is_playing  # what flickers asks first
         assert frame.evaluate("loop.state_hz") == PRESETS[name].state_hz
     boxes = [frame.frame_element().bounding_box() for frame in (robust, hidden)]
