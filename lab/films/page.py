@@ -341,8 +341,8 @@ def read_films(flags: PageFlags, workshop: Workshop, site: Path) -> list[FilmRea
         )
         for name, number in product(flags.settings, range(flags.films))
     }
-    parts = ["worker.js", "decoding.js", "presets.json", "page.js"]
-    files = [CAMERA, *(site / name for name in parts)]
+    files = [site / name for name in ("worker.js", "decoding.js", "presets.json")]
+    files += [site / "page.js", CAMERA] if flags.by == "chromium" else []
     files += [*sorted(site.rglob("*.onnx")), *sorted(site.glob("*.wasm"))]
     stored = replace(workshop, backend=Backend()).each(read_film, takes, files)
     return [FilmRead.from_stored(fields) for fields in stored.values()]

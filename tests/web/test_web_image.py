@@ -188,9 +188,9 @@ def test_points_are_chosen(port: Port, rng: np.random.Generator) -> None:
         )  # of two that are equally strong, rounding chooses
 
 
-@cases((13, (0.0, 0.0)), (15, (2.0, -3.0)))
+@cases((13, (0.0, 0.0), False), (15, (2.0, -3.0), False), (15, (2.0, -3.0), True))
 def test_points_are_followed(
-    window_px: int, guess: tuple[float, float], port: Port, rng: np.random.Generator
+    window_px: int, guess: tuple[float, float], early: bool, port: Port, rng: np.random.Generator
 ) -> None:
     """Some of them near the border."""
     first = photo(192, 256, rng)
@@ -204,12 +204,12 @@ def test_points_are_followed(
         *(first, second, points, begun.copy()),
         winSize=(window_px, window_px),
         maxLevel=2,
-        criteria=FLOW_ENDS,
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+        **({"criteria": FLOW_ENDS} if early else {}),
     )
     follow = port("image/points.js").follow
-    ends = list(FLOW_ENDS[1:])
-    found = follow(first, second, points.reshape(-1), window_px, 2, begun.reshape(-1), ends)
+    ends = [list(FLOW_ENDS[1:])] if early else []
+    found = follow(first, second, points.reshape(-1), window_px, 2, begun.reshape(-1), *ends)
     same(found.found, status)
     kept = status[:, 0] == 1
     same(found.moved.reshape(-1, 2)[kept], moved[kept], within.SAME_PX)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lab.films import browser, page
-from lab.films.browser import open_chromium
+from lab.films.browser import open_chromium, serve_folder
 from lab.films.page import (
     FilmRead,
     PageFlags,
@@ -100,10 +100,12 @@ def test_films_that_were_read_are_not_read_again(way, tmp_path, monkeypatch) -> 
     assert read(1) == films()[:1]
     assert read(2) == films()[:2]
     assert asked == [(way, "paper", 0), (way, "paper", 1)]
-    for number, program in enumerate(("page.js", "worker.js"), 3):
-        (tmp_path / "site" / program).write_text("changed")
-        assert read(1) == films()[:1]
-        assert len(asked) == number
+    (tmp_path / "site" / "page.js").write_text("changed")
+    assert read(1) == films()[:1]
+    assert len(asked) == (3 if way == "chromium" else 2)
+    (tmp_path / "site" / "worker.js").write_text("changed")
+    read(1)
+    assert len(asked) == (4 if way == "chromium" else 3)
 
 
 def test_films_of_both_ways_differ_in_length_alone(monkeypatch) -> None:
@@ -133,6 +135,34 @@ def test_a_film_that_is_kept_is_filmed_once(tmp_path, monkeypatch) -> None:
                 assert path.read_text() == "film"
             assert path.exists() == (kept is not None)
     assert written_at == [30, 30, 30]
+
+
+SEEN = """async () => {
+  const [track] = (await navigator.mediaDevices.getUserMedia({ video: true })).getVideoTracks();
+  const frames = new MediaStreamTrackProcessor({ track }).readable.getReader(), seen = [];
+  while (seen.length < 5) {
+    const { value: frame } = await frames.read(), data = new Uint8Array(frame.allocationSize());
+    await frame.copyTo(data);
+    seen.push([frame.timestamp, data[0]]);
+    frame.close();
+  }
+  return seen;
+}"""
+"""Takes five frames of the camera: their times, in microseconds, and their first pixels."""
+
+
+@pytest.mark.slow
+def test_the_camera_gives_frames_of_the_film_at_their_times(tmp_path, open_window) -> None:
+    (tmp_path / "index.html").touch()
+    with (film := tmp_path / "other.y4m").open("wb") as stream:
+        write_y4m(stream, (np.full((48, 64), 2 * number, np.uint8) for number in range(120)), 30)
+    window = open_window(100, 100)
+    window.add_init_script(page.CAMERA.read_text(encoding="utf-8"))
+    with serve_folder(tmp_path, {"film.y4m": film, "camera.js": page.CAMERA}) as address:
+        window.goto(address)
+        seen = np.array(window.evaluate(SEEN))
+    assert (np.diff(seen[:, 0]) > 0).all()
+    np.testing.assert_array_equal(seen[:, 1], 2 * np.rint(seen[:, 0] * 30 / 1e6))
 
 
 def test_what_is_missing_for_the_camera_is_said_in_one_line(monkeypatch) -> None:

@@ -3,7 +3,7 @@
 import { call } from "./opencv.js";
 
 /** Largest number of steps towards a point, and length of a last one, pixels, as OpenCV has them. */
-const FLOW_ENDS = [30, 0.01];
+const USUAL_ENDS = [30, 0.01];
 
 /** @typedef {Float32Array | Float64Array} Points */
 
@@ -33,11 +33,11 @@ export function chooseFeatures(image, count, quality, apart, mask = null) {
  * @param {number} side - of the surroundings, pixels
  * @param {number} halvings - number of times that the images are halved
  * @param {Float32Array | null} [guess] - where each point is expected; where it was, where absent
- * @param {readonly number[]} [ends] - number of steps, and pixels, as `FLOW_ENDS`
+ * @param {readonly number[]} [ends] - number of steps, and pixels, as `USUAL_ENDS`
  * @returns {{ moved: Float32Array<ArrayBuffer>, found: Uint8Array<ArrayBuffer> }} where each point
  *   lies, and 1 for each that was followed to there
  */
-export function follow(reference, image, points, side, halvings, guess = null, ends = FLOW_ENDS) {
+export function follow(reference, image, points, side, halvings, guess = null, ends = USUAL_ENDS) {
   const moved = new Float32Array(points.length);
   const found = new Uint8Array(points.length / 2);
   call("flow", [reference, image, points, guess, side, halvings, ...ends], [moved, found]);

@@ -212,6 +212,7 @@ function stop() {
     [picture.hidden, video.hidden] = [false, true];
   }
   running.abort();
+  reception.letGo();
   if (reception.isReady) void reception.record(0, {});
   for (const track of streamOf(video)?.getTracks() ?? []) track.stop();
   video.pause();

@@ -78,8 +78,7 @@ export class Reception {
   end() {
     this.session++;
     this.times = [];
-    this.waiting?.pixels.frame?.close();
-    this.waiting = null;
+    this.letGo();
     this.taken = this.dropped = 0;
     this.fps = null;
   }
@@ -118,9 +117,15 @@ export class Reception {
     if (!this.busy) return this.give(isMade ? frame : frame(), time);
     if (this.waiting || !isMade) this.dropped++;
     if (!isMade) return null;
-    this.waiting?.pixels.frame?.close();
+    this.letGo();
     this.waiting = { pixels: frame, time };
     return null;
+  }
+
+  /** Drop the frame that waits. */
+  letGo() {
+    this.waiting?.pixels.frame?.close();
+    this.waiting = null;
   }
 
   /**
@@ -175,11 +180,11 @@ export class Reception {
     this.busy = answer.then(
       (step) => {
         this.busy = null;
-        const next = this.waiting;
-        this.waiting = null;
-        if (next) void this.give(next.pixels, next.time);
         if ("kept" in step) this.listener.kept(step.kept);
         else if (session === this.session) this.listener.step(step);
+        const next = this.waiting; // unless the listener wants no more
+        this.waiting = null;
+        if (next) void this.give(next.pixels, next.time);
       },
       (error) => {
         this.busy = null;
