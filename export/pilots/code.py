@@ -58,7 +58,7 @@ class CodeLock:
     tried is paid for."""
     rival: float
     """Largest share of what it explains that a clock explains which shows quite another state in
-    the newest frame."""
+    the newest frame; 1 without evidence."""
 
 
 class CodeSearch:
@@ -110,6 +110,7 @@ class CodeSearch:
         waves -= (waves @ self._drifts) @ self._drifts.T
         self.waves: NDArray[np.float32] = waves.astype(np.float32)
         """(H, T) what a block of sign 1 shows at the display's centre, by H clocks, less drifts."""
+        self._frames = np.ascontiguousarray(self.waves.T)
         self._part = np.minimum((places * SIDES).astype(np.intp), SIDES - 1)  # along x, along y
         within = self._part.T[:, None] == np.arange(SIDES)[:, None]  # (2, SIDES, P)
         self._signs_within = np.asarray(within * signs, np.float32)
@@ -119,7 +120,8 @@ class CodeSearch:
         self._parts = axes, np.arange(SIDES)[:, None], np.arange(len(self._hz)), self._later()
         places = within.sum(axis=2)[axes[:, 0], self._parts[1][:, 0]]  # (slopes, SIDES)
         later = _turning(np.tile(energy, (2, SIDES, 1, 1)))[self._parts]
-        self._powers = (places[:, :, None, None] * later).sum(axis=1)
+        powers = (places[:, :, None, None] * later).sum(axis=1)
+        self._weights = np.asarray(1 / (powers + 1e-9), np.float32)
 
     def strongest(self, values: NDArray[np.floating], count: int = 1) -> list[CodeLock]:
         """Find the clocks by which values follow their signs most surely, the surest first.
@@ -136,19 +138,18 @@ class CodeSearch:
         """
         shape = len(self._hz), self._steps
         series = self._signs_within @ np.asarray(values, np.float32).T
-        sums = series.reshape(2 * SIDES, -1) @ self.waves.T  # (2, SIDES, T) -> (parts, T)
+        sums = series.reshape(2 * SIDES, -1) @ self._frames  # (2, SIDES, T) -> (parts, T)
         sums = sums.reshape(2, SIDES, *shape)  # (parts, H) -> (2, SIDES, rates, phases)
-        gain, slopes = np.zeros(shape), np.zeros(shape, np.intp)
-        along = np.maximum(_turning(sums)[self._parts].sum(axis=1), 0)
-        for at, explained in enumerate(along**2 / (self._powers + 1e-9)):
-            better = explained > SURER * gain
-            slopes, gain = np.where(better, at, slopes), np.where(better, explained, gain)
+        explained = np.maximum(_turning(sums)[self._parts].sum(axis=1), 0)
+        explained *= explained * self._weights
+        gain = explained.max(axis=0)
         kept, left = list[tuple[int, int]](), gain.copy()
         for _ in range(count):
             rate, phase = divmod(int((SURER * left >= left.max()).argmax()), self._steps)
             left[rate, np.arange(phase + 1 - PHASES, phase + PHASES) % self._steps] = -1
             kept.append((rate, phase))
-        return [self._lock(at, slopes[at], gain, values) for at in kept]
+        slopes = [int((SURER * explained[:, *at] >= gain[at]).argmax()) for at in kept]
+        return [self._lock(at, s, gain, values) for at, s in zip(kept, slopes, strict=True)]
 
     def highest(self, matches: Sequence[NDArray[np.floating]]) -> DisplayClock:
         """Find the clock that the parts of a display follow most clearly, each by its best series.
@@ -166,8 +167,9 @@ class CodeSearch:
         total = np.zeros(len(self.waves))
         for series in matches:
             seen = np.asarray(series, np.float32)
-            lengths = np.linalg.norm(seen - self._drifts @ (self._drifts.T @ seen), axis=0)
-            longest = seen[:, np.argsort(-lengths)[:COMPARED]] / (seen.std() + 1e-9)
+            drifts = np.asarray(self._drifts.T, np.float32) @ seen
+            squares = (seen**2).sum(axis=0) - (drifts**2).sum(axis=0)
+            longest = seen[:, np.argsort(-squares)[:COMPARED]] / (seen.std() + 1e-9)
             heights = np.maximum((self.waves @ longest).max(axis=1), 0)
             total += heights**2 / powers
         return self._clock(divmod(int(total.argmax()), self._steps), NO_SLOPE)
@@ -190,10 +192,12 @@ class CodeSearch:
         share = float((self._signs @ X) ** 2 / (count * (X @ X) + 1e-9))
         evidence = -(count - 1) / 2 * np.log(max(1 - share, 1e-12))
         evidence -= np.log(len(self.waves) * len(SLOPES))
+        if evidence <= 0:
+            return CodeLock(self._clock(at, slope), 0.0, 1.0)
         apart = (self._newest - self._newest[at] + self._steps / 2) % self._steps - self._steps / 2
         rivals = gain[np.abs(apart) >= RIVAL * PHASES]
         rival = float(rivals.max() / (gain[at] + 1e-9))
-        return CodeLock(self._clock(at, slope), max(0.0, float(evidence)), rival)
+        return CodeLock(self._clock(at, slope), float(evidence), rival)
 
     def _clock(self, at: tuple[int, int], slope: int) -> DisplayClock:
         """Make the clock of a rate and a phase, given by their numbers."""

@@ -15,22 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import quantile_test
 
-from data_gen.film.frame import VideoFrame
 from data_gen.film.scenes import SceneSettings
 from data_gen.film.stream import States, VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
 from data_gen.pairs import GROUPS, pair_names
 from export.pilots.search.pilot_search import PilotSearch
-from export.pilots.search.settle import SURE, SURE_SHARE, TRIALS
-from export.pilots.search.watch import LEAST_WINDOW
-from export.pilots.signal import pilot_values
-from export.pilots.toggling import find_toggling
-from export.pilots.waves import position
 from lab.study import Results, Study, StudyFlags, Workshop
 from link.embed import embed
 from link.errors import ParameterError, at_least, choose
-from link.geometry import frame_corners, rectify, transform
-from link.images import as_gray
+from link.geometry import frame_corners, transform
 from link.layout import Layout, make_layout
 from link.presets import PRESETS
 from reports.engine.backends import one_thread
@@ -54,8 +47,6 @@ PATTERNS = 40
 SCENE, PAN_PX = 20, 6
 """Number of states that a scene of a film lasts, and pixels by which it moves from one to the next
 at most."""
-KNOWN_EVERY = 4
-"""Number of frames from one look to the next of an observer that knows the corners."""
 SEEN = {
     "display": "a display that shows the preset",
     "late": "a display that begins to show the preset late",
@@ -126,9 +117,6 @@ class SearchOutcome:
     nothing was found."""
     right: bool
     """Whether the layout found is the one shown."""
-    known_s: float | None = None
-    """Time of the frame at which a search that knew the corners from the start would have been
-    sure, seconds; None where it never was, or no display shows the preset."""
 
 
 @dataclass(frozen=True)
@@ -213,12 +201,9 @@ def search_film(take: SearchTake) -> SearchOutcome:
         start_s=0.0 if begins_s else None,
     )
     search, found_s, error, right = PilotSearch(searched_layouts(), fps), None, None, False
-    observer = KnownCorners(layout, fps) if seen == "display" else None
     pair = source.pair(take.pair)
     for frame in film(states, layout, pair, view, settings, rng):
-        found = search.push(frame.rgb, frame.time_s) if found_s is None else None
-        if observer is not None:
-            observer.push(frame)
+        found = search.push(frame.rgb, frame.time_s)
         if found is not None:
             corners = transform(
                 frame.H_captured_from_display, frame_corners(layout.width, layout.height)
@@ -226,46 +211,8 @@ def search_film(take: SearchTake) -> SearchOutcome:
             found_s = frame.time_s - begins_s
             right = seen in SHOWN and found_s >= 0 and found.layout == layout
             error = float(np.linalg.norm(found.corners - corners, axis=1).mean())
-        if found_s is not None and (observer is None or observer.sure_s is not None):
             break
-    known_s = None if observer is None else observer.sure_s
-    return SearchOutcome(take.preset, seen, number, view, coverage, found_s, error, right, known_s)
-
-
-class KnownCorners:
-    """Watches a film of a display whose corners are known, as no receiver knows them.
-
-    It is sure of the display once the evidence is what a search needs, with what searches pay. So
-    it shows how many displays are missed because of their corners, and how many for want of light.
-
-    Args:
-        layout: layout of the display, with pilots.
-        fps: nominal number of frames of the camera in a second.
-    """
-
-    def __init__(self, layout: Layout, fps: float) -> None:
-        self._layout, self._fps = layout, fps
-        self._values: list[NDArray[np.float32]] = []
-        self._times: list[float] = []
-        self.sure_s: float | None = None
-        """Time of the frame at which it was sure, seconds; None before."""
-
-    def push(self, frame: VideoFrame) -> None:
-        """Take the next frame."""
-        layout = self._layout
-        if self.sure_s is not None:
-            return
-        view = rectify(
-            as_gray(frame.rgb), frame.H_captured_from_display, layout.width, layout.height
-        )
-        self._values.append(pilot_values(view, layout))
-        self._times.append(frame.time_s)
-        if len(self._times) < LEAST_WINDOW // 2 or len(self._times) % KNOWN_EVERY:
-            return
-        at = [position(time - self._times[0], self._fps) for time in self._times]
-        evidence, _ = find_toggling(self._values, layout, at, self._fps)
-        if evidence >= min(SURE, SURE_SHARE * layout.pilots) + np.log(TRIALS):
-            self.sure_s = frame.time_s
+    return SearchOutcome(take.preset, seen, number, view, coverage, found_s, error, right)
 
 
 def search_table(outcomes: Sequence[SearchOutcome]) -> Table:
@@ -288,8 +235,6 @@ def search_table(outcomes: Sequence[SearchOutcome]) -> Table:
             row = [preset, "–" if preset == "all" else f"{CAMERAS[preset][1]:g}", name]
             row.append(str(len(mine)))
             row.append(f"{right} ({low:.1%} – {high:.1%})" if seen in SHOWN else "–")
-            known = sum(o.known_s is not None for o in mine)
-            row.append(str(known) if seen == "display" else "–")
             row.append(f"{wrong} (at most {wilson(wrong, len(mine))[1]:.1%})")
             row.append(f"{np.median(times):.2f}" if times else "–")
             off = "–"
@@ -301,13 +246,10 @@ def search_table(outcomes: Sequence[SearchOutcome]) -> Table:
             row.append(off)
             rows.append(row)
     heads = (
-        "preset", "frames/s", "film of", "films", "found", "surely seen", "found wrongly",
-        "median s", "corners off, px",
+        "preset", "frames/s", "film of", "films", "found", "found wrongly", "median s",
+        "corners off, px",
     )  # fmt: skip
-    text = (
-        "*surely seen*: where the corners are known, which no receiver knows, the evidence is "
-        "enough. Corners: median over the films of the mean distance of four corners, in pixels."
-    )
+    text = "Corners: median over the films of the mean distance of four corners, in pixels."
     return Table(heads, rows, text, left=3)
 
 

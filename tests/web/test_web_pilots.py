@@ -32,6 +32,7 @@ from export.pilots.signal import (
 from export.pilots.stabilise import Stabiliser
 from export.pilots.toggling import Wave
 from export.pilots.waves import position, span_of, waves
+from link.code.steps import run_to_end
 from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import Layout, make_layout
 from link.types import Array
@@ -250,7 +251,7 @@ def test_what_toggles_is_mapped_and_outlined(port: Port) -> None:
         ported.add(shown, number)
     assert [len(list(ported.prepare(0.25))) for _ in range(2)] == [5, 0]
     frequencies = (0.25, 0.0, 0.5)
-    outlines = [toggle_map.outline(frequency) for frequency in frequencies]
+    outlines = [run_to_end(toggle_map.outline(frequency)) for frequency in frequencies]
     for number in (4, 12):
         same(ported.logPower(number), toggle_map._logs[number], within.FLOAT32_SUM)
     for frequency, outline in zip(frequencies, outlines, strict=True):

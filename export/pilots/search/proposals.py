@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from itertools import product
 
 import cv2
 import numpy as np
@@ -42,6 +42,10 @@ is found at any rate."""
 PROMISING = 9.0
 """Evidence of a quadrilateral, before it pays, at which its corners are refined at once; without so
 much in a search in vain, there was probably no display to be seen."""
+
+
+PilotsSeen = list[list[NDArray[np.float32]]]
+"""For each frame, the values (pilots,) of each layout's pilots, upright and upside down."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +113,7 @@ class Proposer:
         self.edges: list[Array] = [*(candidate.corners for candidate in within), *leaving]
         """Quadrilaterals of edges, (4, 2) pixels of the reference, the strongest first."""
         self._glances: dict[bytes, tuple[float, Proposal, Array]] = {}
+        self._kept: dict[tuple[bytes, int], PilotsSeen] = {}
 
     def faint_edges(self) -> Iterator[list[Array]]:
         """Propose quadrilaterals in the mean of all frames, which has less noise than a frame.
@@ -131,7 +136,7 @@ class Proposer:
         """Propose quadrilaterals, (4, 2) pixels of the reference, that bound what toggles."""
         outlines = []
         for frequency in self._frequencies:
-            outline = self._watch.map.outline(frequency)
+            outline = yield from self._watch.map.outline(frequency)
             yield 1
             if outline is not None:
                 outlines.append(self._watch.on_image(outline))
@@ -150,14 +155,30 @@ class Proposer:
         Returns:
             the evidence, before it pays, and what it speaks for.
         """
-        ways, places = [], self._watch.places(quad, count)
+        ways = []
         for turn in turns:
-            turned = [np.roll(place, -turn, axis=0) for place in places]
-            views = self._watch.map.views(turned, *self._finest)
-            ways.append(self._surest(np.roll(quad, -turn, axis=0), views, self._layouts))
+            values = self.pilots_seen(quad, turn, count)
+            ways.append(self._surest(np.roll(quad, -turn, axis=0), values, self._layouts))
         surest = max(ways, key=lambda way: way[0])
         self._glances[quad.tobytes()] = *surest, quad
         return surest
+
+    def pilots_seen(self, quad: Array, turn: int, count: int | None = None) -> PilotsSeen:
+        """Measure what may be pilots in small views of a quadrilateral.
+
+        Of quadrilaterals that follow their own motion, what is measured in a frame is kept.
+
+        Args:
+            quad: (4, 2) pixels of the reference frame.
+            turn: number of quarter turns after which it is seen upright.
+            count: as `Watch.places` takes it.
+        """
+        key = quad.tobytes(), turn
+        values = self._kept.setdefault(key, []) if count is not None else []
+        places = self._watch.places(quad, count)
+        views = self._watch.map.views(places, *self._finest, turn, first=len(values))
+        values += [_pilots_in(view, self._layouts) for view in views]
+        return values
 
     def glances(self) -> list[tuple[float, Proposal, Array]]:
         """List what was seen last of each quadrilateral (`glance`), the clearest first."""
@@ -166,22 +187,17 @@ class Proposer:
     def surest_in(self, corners: Array, layouts: Sequence[Layout]) -> tuple[float, Proposal]:
         """Choose the layout, upright or upside down, that is surest in small views of corners."""
         views = self._watch.map.views(self._watch.places(corners), *self._finest)
-        return self._surest(corners, views, layouts)
+        return self._surest(corners, [_pilots_in(view, layouts) for view in views], layouts)
 
     def _surest(
-        self, corners: Array, views: NDArray[Any], layouts: Sequence[Layout]
+        self, corners: Array, values: PilotsSeen, layouts: Sequence[Layout]
     ) -> tuple[float, Proposal]:
-        """Choose the layout, upright or upside down, that is surest in views of the frames."""
-        at, found = positions(self._watch.frames[: len(views)]), []
-        for layout in layouts:
-            blocks = [standing_out(view, layout) for view in views]
-            values = np.reshape(blocks, (len(at), -1))  # (T, rows, cols) -> (T, blocks)
-            for half in (0, 2):
-                turned = values[:, ::-1] if half else values
-                picked = list(turned[:, layout.pilot_blocks])
-                evidence, toggling = find_toggling(picked, layout, at, self._fps)
-                up = np.roll(corners, -half, axis=0)
-                found.append((evidence, Proposal(up, layout, toggling)))
+        """Choose the layout, upright or upside down, that is surest by pilots in the frames."""
+        at, found = positions(self._watch.frames[: len(values)]), []
+        for way, (layout, half) in enumerate(product(layouts, (0, 2))):
+            picked = [each[way] for each in values]
+            evidence, toggling = find_toggling(picked, layout, at, self._fps)
+            found.append((evidence, Proposal(np.roll(corners, -half, axis=0), layout, toggling)))
         return max(found, key=lambda each: each[0])
 
     def first_fit(self, quad: Array) -> Steps[Proposal | None]:
@@ -215,6 +231,15 @@ class Proposer:
                 if turn or not plain:  # clocks take time of their own
                     yield 1
         return None if best is None else best[1]
+
+
+def _pilots_in(view: Gray, layouts: Sequence[Layout]) -> list[NDArray[np.float32]]:
+    """Measure the pilots of each layout in a view, (pilots,) each, upright and upside down."""
+    values = []
+    for layout in layouts:
+        blocks = standing_out(view, layout).ravel()
+        values += [blocks[layout.pilot_blocks], blocks[::-1][layout.pilot_blocks]]
+    return values
 
 
 def _without_details(gray: Gray, side: int, ways: Sequence[int]) -> Gray:

@@ -158,6 +158,7 @@ def _by_blocks(proposal: Proposal, frames: Sequence[HeldFrame]) -> Steps[BlockFi
         if view is None:
             return None
         views.append(view)
+    yield 1
     fit = BlockFit(maps, np.array(views, np.float32), positions(frames), proposal.toggling)
     for _ in range(BLOCK_ROUNDS):
         yield 1

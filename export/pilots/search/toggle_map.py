@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from export.locate.quads import upright
 from export.pilots.waves import span_of, waves
+from link.code.steps import Steps
 from link.geometry import homography_from_corners, resized_homography, whole_factor
 from link.types import Array, Corners, Map
 
@@ -28,6 +29,10 @@ BAND, QUIET = (0.55, 1.3), (1.85, 2.15)
 the toggling rate."""
 BAND_WAVES, QUIET_WAVES = 4, 2
 """Largest number of frequencies at which power is measured in either band."""
+MEASURED = 2
+"""Number of frequencies at which power is measured in one step."""
+STACKED = 16
+"""Number of frames that are added up at once: more would be as quick, but for their memory."""
 FINE_PX, COARSE_PX = 1.0, 4.0
 """Standard deviations, in pixels of the maps, of the band of sizes that is looked at."""
 SMOOTH_PX, LEAST_POWER = 7.0, 0.05
@@ -82,8 +87,8 @@ class ToggleMap:
         """Average all frames so far, (h, w) uint8, rounded down."""
         return np.asarray(np.mean(self._stills, axis=0, dtype=np.float32), np.uint8)
 
-    def outline(self, frequency: float) -> Corners | None:
-        """Outline what toggles at a frequency, in periods for each nominal frame.
+    def outline(self, frequency: float) -> Steps[Corners | None]:
+        """Outline what toggles at a frequency, in periods for each nominal frame, in steps.
 
         Returns:
             pixels of the map, turned the way that is nearest to upright; None where nothing toggles
@@ -94,7 +99,10 @@ class ToggleMap:
         quiet = _spread(frequency * span, QUIET, fastest, QUIET_WAVES)
         if not band or not quiet:
             return None
-        self._measure(span, sorted({*band, *quiet} - set(self._logs)))
+        numbers = sorted({*band, *quiet} - set(self._logs))
+        for first in range(0, len(numbers), MEASURED):
+            self._measure(span, numbers[first : first + MEASURED])
+            yield 1
         power, usual = (
             np.mean([self._logs[number] for number in numbers], axis=0) for numbers in (band, quiet)
         )
@@ -114,25 +122,30 @@ class ToggleMap:
         best, _ = max(fits, key=lambda fit: fit[1])
         return np.asarray(upright(best[None])[0])
 
-    def views(self, quads: Sequence[Array], width: int, height: int) -> NDArray[Any]:
+    def views(
+        self, quads: Sequence[Array], width: int, height: int, turn: int = 0, first: int = 0
+    ) -> NDArray[Any]:
         """Show what a quadrilateral bounds in frames, (frames, height, width).
 
         Args:
             quads: (4, 2) pixels of the map: one for all frames, or one for each of the first ones.
             width: width of the views, pixels.
             height: height of the views, pixels.
+            turn: number of quarter turns after which they are upright.
+            first: number of the first frame that is shown.
         """
-        factor = whole_factor(quads[0], width, height)
+        factor = whole_factor(np.roll(quads[0], -turn, axis=0), width, height)
         copies = self._copies(factor)
         H_copy_from_still = np.linalg.inv(resized_homography(factor, factor))
-        ways = [H_copy_from_still @ homography_from_corners(quad, width, height) for quad in quads]
-        ways = ways * len(copies) if len(ways) == 1 else ways
+        places = [*quads] * len(copies) if len(quads) == 1 else quads
         how, size = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, (width, height)
-        views = (
-            cv2.warpPerspective(copy, H, size, flags=how, borderMode=cv2.BORDER_REPLICATE)
-            for copy, H in zip(copies, ways, strict=False)
-        )
-        return np.array(list(views))
+        views = []
+        for copy, quad in zip(copies[first:], places[first:], strict=False):
+            corners = np.roll(quad, -turn, axis=0)
+            H = H_copy_from_still @ homography_from_corners(corners, width, height)
+            view = cv2.warpPerspective(copy, H, size, flags=how, borderMode=cv2.BORDER_REPLICATE)
+            views.append(view)
+        return np.array(views)
 
     def _copies(self, factor: int) -> Sequence[NDArray[Any]]:
         """Average all stills down by a whole factor, without rounding; 1 leaves them."""
@@ -146,13 +159,13 @@ class ToggleMap:
     def _measure(self, span: float, numbers: list[int]) -> None:
         """Find the logarithm of the smoothed power where a window holds some numbers of periods."""
         weights = waves(self._at, np.array(numbers) / span, np.arange(SLOWEST - 1) / span)
-        stack = np.array(self._stills, np.float32)
-        for number, weight in zip(numbers, weights, strict=True):
-            real, imaginary = (
-                _band(np.tensordot(part.astype(np.float32), stack, axes=1))
-                for part in (weight.real, weight.imag)
-            )
-            power = cv2.GaussianBlur(real**2 + imaginary**2, (0, 0), SMOOTH_PX)
+        parts = np.concatenate([weights.real, weights.imag]).astype(np.float32)
+        sums = np.zeros((len(parts), *self._stills[0].shape), np.float32)
+        for first in range(0, len(self._stills), STACKED):
+            some = slice(first, first + STACKED)
+            sums += np.tensordot(parts[:, some], np.array(self._stills[some], np.float32), axes=1)
+        for number, real, imaginary in zip(numbers, *np.split(sums, 2), strict=True):
+            power = cv2.GaussianBlur(_band(real) ** 2 + _band(imaginary) ** 2, (0, 0), SMOOTH_PX)
             power += LEAST_POWER * float(np.median(power)) + 1e-6
             self._logs[number] = np.asarray(np.log(power), np.float32)
 

@@ -72,9 +72,9 @@ class WindowSearch:
         count, seen = watch.soon, 0
         while seen < watch.window:
             while len(watch.frames) < min(count, watch.window):
-                for quad in edges:
-                    watch.places(quad, len(watch.frames))  # each frame does its own share
                 yield NEXT_FRAME
+                for quad, turn in product(edges, ANY_TURN):  # each frame does its own share
+                    proposer.pilots_seen(quad, turn, len(watch.frames))
             seen = len(watch.frames)
             count = seen + watch.window // 4
             if found := (yield from self._glance(edges, proposer, seen)):

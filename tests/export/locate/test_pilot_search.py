@@ -24,6 +24,7 @@ from export.pilots.signal import pilot_evidence, pilot_signs
 from export.pilots.stabilise import Stabiliser, Tracks
 from export.pilots.toggling import Wave
 from export.pilots.waves import position, span_of, waves
+from link.code.steps import run_to_end
 from link.errors import InputError
 from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import Layout, make_layout
@@ -347,12 +348,12 @@ def test_what_toggles_is_outlined() -> None:
         H = stabiliser.follow(image)
         assert H is not None
         toggling.add(stabiliser.still(image, H), number)
-    outline = toggling.outline(0.25)
+    outline = run_to_end(toggling.outline(0.25))
     assert outline is not None
     found = stabiliser.on_image(outline)
     errors = [np.abs(np.roll(found, -turn, axis=0) - corners[0]).max() for turn in range(4)]
     assert min(errors) < 40
-    assert toggling.outline(0.0) is None
+    assert run_to_end(toggling.outline(0.0)) is None
 
 
 def test_layouts_need_pilots() -> None:

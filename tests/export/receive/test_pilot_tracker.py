@@ -14,6 +14,7 @@ from export.pilots.stabilise import WIDTH, Stabiliser
 from export.receive.receiver import Receiver
 from export.receive.timing.synchronise import MIN_FRAMES
 from export.receive.tracking.pilots import CHECK_EVERY, PATIENCE, PilotTracker
+from link.code.steps import run_to_end
 from link.presets import PRESETS
 from link.types import Array, Image
 
@@ -260,7 +261,7 @@ def test_what_toggles_nowhere_has_no_outline(shape: tuple[int, int]) -> None:
     toggling = ToggleMap()
     for number in range(24):
         toggling.add(np.full(shape, 90, np.uint8), number)
-    assert all(toggling.outline(f) is None for f in (0.0, 0.1, 0.25, 0.5, 0.9))
+    assert all(run_to_end(toggling.outline(f)) is None for f in (0.0, 0.1, 0.25, 0.5, 0.9))
 
 
 def test_very_long_images_have_no_candidates() -> None:

@@ -235,13 +235,14 @@ export class CodeSearch {
     const share = along ** 2 / (count * power + 1e-9);
     const paid = Math.log(gain.length * SLOPES.length);
     const chance = ((count - 1) / 2) * Math.log(Math.max(1 - share, 1e-12)) + paid;
+    const clock = this.#clock(at, slope);
+    if (chance >= 0) return { clock, evidence: 0, rival: 1 };
     const rival = gain.reduce((most, each, other) => {
       const phases = this.#phase(other) - this.#phase(at);
       const apart = Math.abs(phases - this.#steps * Math.round(phases / this.#steps));
       return apart >= RIVAL * PHASES ? Math.max(most, each) : most;
     }, 0);
-    const evidence = Math.max(0, -chance);
-    return { clock: this.#clock(at, slope), evidence, rival: rival / (gain[at] + 1e-9) };
+    return { clock, evidence: -chance, rival: rival / (gain[at] + 1e-9) };
   }
 
   /**

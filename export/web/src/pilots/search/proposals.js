@@ -43,6 +43,12 @@ const ROUGH_WORK = 2;
  */
 
 /**
+ * For each frame, the values of each layout's pilots, upright and upside down.
+ *
+ * @typedef {Float32Array[][]} PilotsSeen
+ */
+
+/**
  * Weigh a proposal by frames in full, step by step.
  *
  * @param {Proposal} proposal
@@ -85,6 +91,8 @@ export class Proposer {
   #frequencies;
   /** @type {Map<Point[], Glance>} */
   #glances = new Map();
+  /** What is kept of quadrilaterals (`pilotsSeen`), by turn. @type {Map<Point[], PilotsSeen[]>} */
+  #kept = new Map();
 
   /**
    * @param {Watch} watch - the film
@@ -127,18 +135,35 @@ export class Proposer {
    * @returns {Steps<Glance>} what is surest
    */
   *glanceSteps(quad, turns, count = null) {
-    const { cols, rows } = this.#finest;
-    const watch = this.#watch;
-    const places = watch.places(quad, count);
     const ways = [];
     for (const turn of turns) {
-      const views = watch.map.views(places.map((place) => rolled(place, turn)), cols, rows);
-      ways.push(this.#surest(rolled(quad, turn), views, this.#layouts));
+      const values = this.pilotsSeen(quad, turn, count);
+      ways.push(this.#surest(rolled(quad, turn), values, this.#layouts));
       yield GLANCE_WORK / 2;
     }
     const surest = surestOf(ways);
     this.#glances.set(quad, surest);
     return surest;
+  }
+
+  /**
+   * Measure what may be pilots in small views of a quadrilateral. Of quadrilaterals that follow their
+   * own motion, what is measured in a frame is kept.
+   *
+   * @param {Point[]} quad
+   * @param {number} turn - number of quarter turns after which it is seen upright
+   * @param {number | null} count - as `Watch.places` takes it
+   * @returns {PilotsSeen}
+   */
+  pilotsSeen(quad, turn, count) {
+    const { cols, rows } = this.#finest;
+    const kept = this.#kept.get(quad) ?? [[], []];
+    if (count !== null) this.#kept.set(quad, kept);
+    const values = kept[turn];
+    const places = this.#watch.places(quad, count);
+    const views = this.#watch.map.views(places, cols, rows, turn, values.length);
+    values.push(...pilotsIn(views, this.#layouts));
+    return values;
   }
 
   /** List what was seen last of each quadrilateral (`glanceSteps`), the clearest first. */
@@ -154,29 +179,25 @@ export class Proposer {
    */
   surestIn(corners, layout) {
     const { cols, rows } = this.#finest;
-    return this.#surest(corners, this.#watch.views(corners, cols, rows), [layout]);
+    const values = pilotsIn(this.#watch.views(corners, cols, rows), [layout]);
+    return this.#surest(corners, values, [layout]);
   }
 
   /**
-   * Choose the layout, upright or upside down, whose pilots toggle most surely in views.
+   * Choose the layout, upright or upside down, whose pilots toggle most surely.
    *
    * @param {Point[]} corners - in the reference frame
-   * @param {FloatPlane[]} views - of the first frames
+   * @param {PilotsSeen} values - in the first frames
    * @param {readonly Layout[]} layouts - those that may be shown
    * @returns {Glance}
    */
-  #surest(corners, views, layouts) {
-    const at = positions(this.#watch.frames.slice(0, views.length));
-    const found = layouts.flatMap((layout) => {
-      const { pilotBlocks } = layout;
-      const last = layout.rows * layout.cols - 1;
-      const blocks = standingOut(views, layout);
-      return [pilotBlocks, pilotBlocks.map((block) => last - block)].map((pilots, turned) => {
-        const values = blocks.map((shown) => picked(shown, pilots));
-        const { evidence, toggling } = findToggling(values, layout, at, this.#watch.fps);
-        const up = rolled(corners, 2 * turned);
-        return { evidence, proposal: { corners: up, layout, toggling } };
-      });
+  #surest(corners, values, layouts) {
+    const at = positions(this.#watch.frames.slice(0, values.length));
+    const ways = layouts.flatMap((layout) => [0, 2].map((half) => ({ layout, half })));
+    const found = ways.map(({ layout, half }, way) => {
+      const shown = values.map((each) => each[way]);
+      const { evidence, toggling } = findToggling(shown, layout, at, this.#watch.fps);
+      return { evidence, proposal: { corners: rolled(corners, half), layout, toggling } };
     });
     return surestOf(found);
   }
@@ -232,6 +253,24 @@ export class Proposer {
     }
     return best;
   }
+}
+
+/**
+ * Measure the pilots of each layout in views, upright and upside down.
+ *
+ * @param {FloatPlane[]} views
+ * @param {readonly Layout[]} layouts
+ * @returns {PilotsSeen}
+ */
+function pilotsIn(views, layouts) {
+  if (views.length === 0) return [];
+  const ways = layouts.flatMap((layout) => {
+    const last = layout.rows * layout.cols - 1;
+    const pilots = [layout.pilotBlocks, layout.pilotBlocks.map((block) => last - block)];
+    const blocks = standingOut(views, layout);
+    return pilots.map((each) => blocks.map((shown) => picked(shown, each)));
+  });
+  return views.map((_, at) => ways.map((values) => values[at]));
 }
 
 /** Choose the glance of most evidence. @param {Glance[]} found @returns {Glance} */

@@ -16,7 +16,7 @@ import { roundHalfEven } from "../../image/round.js";
 import { resizeArea } from "../../image/shrink.js";
 import { homographyFromCorners, pixelsInOne } from "../../link/geometry.js";
 import { median, quantile } from "../../link/order.js";
-import { quadOf, upright } from "../../locate/quads.js";
+import { quadOf, rolled, upright } from "../../locate/quads.js";
 import { rowsOfWaves, spanOf, waves } from "../waves.js";
 
 export const {
@@ -145,13 +145,19 @@ export class ToggleMap {
    * @param {Point[][]} quads - pixels of the map: one for all frames, or one for each of the first
    * @param {number} width - of the small maps
    * @param {number} height - of the small maps
+   * @param {number} [turn] - number of quarter turns after which they are upright
+   * @param {number} [first] - number of the first frame that is shown
    * @returns {FloatPlane[]}
    */
-  views(quads, width, height) {
-    const factor = Math.floor(pixelsInOne(quads[0], width, height));
-    const ways = quads.map((quad) => homographyFromCorners(quad, width, height));
-    const shown = ways.length === 1 ? this.#copies : this.#copies.slice(0, ways.length);
-    return shown.map((still, at) => still.sampled(ways[at] ?? ways[0], factor, width, height));
+  views(quads, width, height, turn = 0, first = 0) {
+    const factor = Math.floor(pixelsInOne(rolled(quads[0], turn), width, height));
+    const [from, end] = quads.length === 1 ? [0, this.#copies.length] : [first, quads.length];
+    const ways = quads
+      .slice(from)
+      .map((quad) => homographyFromCorners(rolled(quad, turn), width, height));
+    return this.#copies
+      .slice(first, end)
+      .map((still, at) => still.sampled(ways[at] ?? ways[0], factor, width, height));
   }
 
   /**

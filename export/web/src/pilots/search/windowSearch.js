@@ -71,8 +71,10 @@ export class WindowSearch {
     let faint = [];
     for (let count = watch.soon, seen = 0; seen < watch.window; count = seen + quarter) {
       while (watch.frames.length < Math.min(count, watch.window)) {
-        for (const quad of edges) watch.places(quad, watch.frames.length); // each frame its share
         yield NEXT_FRAME;
+        for (const quad of edges) {
+          for (const turn of ANY_TURN) proposer.pilotsSeen(quad, turn, watch.frames.length);
+        }
       }
       seen = watch.frames.length;
       const found = yield* this.#glance(edges, proposer, seen);
