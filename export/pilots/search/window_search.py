@@ -51,13 +51,31 @@ class WindowSearch:
         """Largest evidence of a quadrilateral so far, before it pays."""
         self.is_late = False
         """Whether all edges have been glanced at, in all frames that are watched."""
-        self.steps = self._search()
+        self._waiting: list[Search] = []
+        self.steps = self._all_steps()
         """Steps of the search, each with the frames that have come so far."""
 
     @property
     def is_doubtful(self) -> bool:
         """Whether something toggles like a display, unless its picture moves, too."""
         return self.surest_seen > PROMISING and not self.watch.picture_moves
+
+    def _all_steps(self) -> Search:
+        """Search, and go on first with what waited for a frame once the frame has come."""
+        search, newest, is_over = self._search(), self.watch.first, False
+        last: Settled | None = None
+        while last is None and (self._waiting or not is_over):
+            if self.watch.held[-1] is not newest:
+                newest, waiting = self.watch.held[-1], self._waiting
+                self._waiting = []
+                for settling in waiting:
+                    if found := (yield from self._go_on(settling)):
+                        return found
+            try:
+                yield NEXT_FRAME if is_over else next(search)
+            except StopIteration as end:
+                is_over, last = True, end.value
+        return last
 
     def _search(self) -> Search:
         """Look for the display in the film that follows the reference.
@@ -146,4 +164,17 @@ class WindowSearch:
     def _settle(self, proposal: Proposal, evidence: float) -> Search:
         """Settle a proposal with this evidence in all frames so far, before it pays."""
         self.surest_seen = max(self.surest_seen, evidence)
-        return (yield from settle(proposal, evidence, self.watch))
+        return (yield from self._go_on(settle(proposal, evidence, self.watch)))
+
+    def _go_on(self, settling: Search) -> Search:
+        """Settle a proposal until it needs a frame that has yet to come; then it waits."""
+        while True:
+            try:
+                work = next(settling)
+            except StopIteration as end:
+                found: Settled | None = end.value
+                return found
+            if work == NEXT_FRAME:
+                self._waiting.append(settling)
+                return None
+            yield work

@@ -106,7 +106,7 @@ export class PilotSearch {
       this.#begin(gray, time);
     }
     const isSettling = this.#windows.some((window) => window.isSettling);
-    const isWatching = this.#windows.some(({ watch }) => !watch.isFull);
+    const isWatching = this.#windows.some((window) => !window.watch.isFull || window.isWaiting);
     const isSpare = this.#isLive && isWatching && !isSettling;
     const until = begun + (isSpare ? (SPARE * 1000) / this.fps : this.frameMs);
     const early = this.#windows.filter(({ isLate }) => !isLate);

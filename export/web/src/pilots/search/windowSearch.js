@@ -32,6 +32,8 @@ export class WindowSearch {
   isLate = false;
   /** Whether a proposal is being settled. */
   isSettling = false;
+  /** Proposals whose settling needs frames that have yet to come. @type {Steps<Settled | null>[]} */
+  #waiting = [];
 
   /**
    * @param {Watch} watch - the film, of which the reference frame has come
@@ -47,12 +49,44 @@ export class WindowSearch {
     this.#turns = turns;
     this.#isEager = isEager;
     /** Steps of the search, each with the frames that have come so far. */
-    this.steps = this.#search();
+    this.steps = this.#allSteps();
+  }
+
+  /** Whether a proposal waits for frames that have yet to come. */
+  get isWaiting() {
+    return this.#waiting.length > 0;
   }
 
   /** Whether something toggles like a display, unless its picture moves, too. */
   get isDoubtful() {
     return this.#surestSeen > PROMISING && !this.watch.pictureMoves;
+  }
+
+  /**
+   * Search, and go on first with what waited for a frame once the frame has come.
+   *
+   * @returns {Steps<Settled | null>}
+   */
+  *#allSteps() {
+    const search = this.#search();
+    let newest = this.watch.newest;
+    for (let isOver = false; !isOver || this.isWaiting; ) {
+      if (this.watch.newest !== newest) {
+        newest = this.watch.newest;
+        for (const settling of this.#waiting.splice(0)) {
+          const found = yield* this.#goOn(settling);
+          if (found !== null) return found;
+        }
+      }
+      if (isOver) yield NEXT_FRAME;
+      else {
+        const step = search.next();
+        if (!step.done) yield step.value;
+        else if (step.value !== null) return step.value;
+        else isOver = true;
+      }
+    }
+    return null;
   }
 
   /**
@@ -82,6 +116,7 @@ export class WindowSearch {
       if (!this.#isEager && seen < watch.window) continue;
       faint = [];
       for (const even of proposer.evenMeans()) {
+        if (seen < watch.window && watch.isFull) break; // they show more by now
         const edgesOf = yield* candidateSteps(even, CANDIDATES);
         const quads = edgesOf.map(({ corners }) => watch.onImage(corners));
         faint.push(...quads);
@@ -163,9 +198,26 @@ export class WindowSearch {
    */
   *#settle(proposal, evidence) {
     this.#surestSeen = Math.max(this.#surestSeen, evidence);
-    this.isSettling = true;
-    const found = yield* settleSteps(proposal, evidence, this.watch);
-    this.isSettling = false;
-    return found;
+    return yield* this.#goOn(settleSteps(proposal, evidence, this.watch));
+  }
+
+  /**
+   * Settle a proposal until it needs a frame that has yet to come; then it waits.
+   *
+   * @param {Steps<Settled | null>} settling
+   * @returns {Steps<Settled | null>}
+   */
+  *#goOn(settling) {
+    for (;;) {
+      this.isSettling = true;
+      const step = settling.next();
+      this.isSettling = !step.done && step.value !== NEXT_FRAME;
+      if (step.done) return step.value;
+      if (!this.isSettling) {
+        this.#waiting.push(settling);
+        return null;
+      }
+      yield step.value;
+    }
   }
 }
