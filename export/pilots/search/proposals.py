@@ -12,7 +12,7 @@ from export.locate.candidates import display_candidates, leaving_quads
 from export.pilots.motion import moved_corners
 from export.pilots.search.film import HeldFrame, positions
 from export.pilots.search.parts import COARSE_SIZE, coarse_shift, rough_series, shifted_togglings
-from export.pilots.search.watch import Watch
+from export.pilots.search.watch import NEXT_FRAME, Watch
 from export.pilots.signal import expected_changes, pilot_values, standing_out
 from export.pilots.toggling import TogglePattern, Wave, find_toggling
 from link.code.steps import Steps
@@ -108,12 +108,15 @@ class Proposer:
         self._finest = finest.cols, finest.rows
         periods = (np.array(STATES_HZ) / 2 / fps) % 1
         self._frequencies = sorted({float(f) for f in np.minimum(periods, 1 - periods) if f > 0})
-        within = display_candidates(watch.reference, CANDIDATES)
-        leaving = leaving_quads(watch.reference, LEAVING)
-        self.edges: list[Array] = [*(candidate.corners for candidate in within), *leaving]
-        """Quadrilaterals of edges, (4, 2) pixels of the reference, the strongest first."""
         self._glances: dict[bytes, tuple[float, Proposal, Array]] = {}
         self._kept: dict[tuple[bytes, int], PilotsSeen] = {}
+
+    def edges(self) -> Steps[list[Array]]:
+        """Propose quadrilaterals of edges, (4, 2) pixels of the reference, the strongest first."""
+        reference = self._watch.reference
+        within = [candidate.corners for candidate in display_candidates(reference, CANDIDATES)]
+        yield NEXT_FRAME  # they are not glanced at before
+        return [*within, *leaving_quads(reference, LEAVING)]
 
     def faint_edges(self) -> Iterator[list[Array]]:
         """Propose quadrilaterals in the mean of all frames, which has less noise than a frame.

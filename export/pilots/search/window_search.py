@@ -86,7 +86,7 @@ class WindowSearch:
         """
         watch = self.watch
         proposer = Proposer(watch, self._layouts, watch.fps)
-        edges = proposer.edges
+        edges = yield from proposer.edges()
         count, seen = watch.soon, 0
         while seen < watch.window:
             while len(watch.frames) < min(count, watch.window):
