@@ -31,8 +31,8 @@ export const [FRAME_WORK, SETTLING_WORK] = [24, 88];
 export const FRAME_MS = 200;
 /**
  * Share of the time from one frame to the next in which all work on a frame of such a camera is to
- * be done while others are still to be watched, and nothing is being settled: what is missed then
- * cannot be watched any more.
+ * be done while others are still to be watched, and nothing is being settled, or while a proposal
+ * waits for others: what is missed then cannot be watched any more.
  */
 const SPARE = 0.8;
 
@@ -106,8 +106,9 @@ export class PilotSearch {
       this.#begin(gray, time);
     }
     const isSettling = this.#windows.some((window) => window.isSettling);
-    const isWatching = this.#windows.some((window) => !window.watch.isFull || window.isWaiting);
-    const isSpare = this.#isLive && isWatching && !isSettling;
+    const isWatching = !isSettling && this.#windows.some(({ watch }) => !watch.isFull);
+    const isWaiting = this.#windows.some((window) => window.isWaiting);
+    const isSpare = this.#isLive && (isWatching || isWaiting);
     const until = begun + (isSpare ? (SPARE * 1000) / this.fps : this.frameMs);
     const early = this.#windows.filter(({ isLate }) => !isLate);
     const late = this.#windows.filter(({ isLate }) => isLate);
