@@ -15,11 +15,13 @@ from pilot_films import (
     pilots_alone,
 )
 
+from export.pilots.search import window_search
 from export.pilots.search.all_blocks import BlockFit, block_maps
 from export.pilots.search.parts import COARSE_SIZE, coarse_shift
 from export.pilots.search.pilot_search import PilotSearch
+from export.pilots.search.settle import settle
 from export.pilots.search.toggle_map import ToggleMap
-from export.pilots.search.watch import LEAST_WINDOW
+from export.pilots.search.watch import LEAST_WINDOW, NEXT_FRAME
 from export.pilots.signal import pilot_evidence, pilot_signs
 from export.pilots.stabilise import Stabiliser, Tracks
 from export.pilots.toggling import Wave
@@ -116,6 +118,18 @@ def test_points_that_lie_close_together_do_not_say_how_a_display_moves() -> None
     assert Tracks(around[:5], after[:5], 0.7).motion_within(quad) is None
 
 
+def test_a_proposal_that_waits_for_frames_holds_up_no_other(monkeypatch) -> None:
+    def waits_at_first(*given):
+        settled.append(given)
+        while len(settled) == 1:
+            yield NEXT_FRAME
+        return (yield from settle(*given))
+
+    settled: list[object] = []
+    monkeypatch.setattr(window_search, "settle", waits_at_first)
+    find(*filmed(FINE, 60, seed=0), [FINE])
+
+
 @pytest.mark.slow
 def test_finds_a_dark_picture_by_faint_edges() -> None:
     find(*filmed(FINE, 48, seed=9, kappa=12.0, night=True), [FINE])
@@ -203,8 +217,8 @@ def test_small_views_show_what_a_quadrilateral_bounds() -> None:
     corners = np.array([[39.5, 29.5], [99.5, 29.5], [99.5, 59.5], [39.5, 59.5]])
     bounded = still[30:60, 40:100]
     np.testing.assert_array_equal(toggle_map.views([corners], 60, 30), [bounded, 255 - bounded])
-    turned = toggle_map.views([np.roll(corners, -1, axis=0)], 30, 60)
-    np.testing.assert_array_equal(turned[0], np.rot90(bounded))
+    turned = toggle_map.views([corners, corners], 30, 60, turn=1, first=1)
+    np.testing.assert_array_equal(turned, [np.rot90(255 - bounded)])
 
 
 def test_waves_do_not_see_what_is_slow() -> None:

@@ -66,9 +66,8 @@ def test_a_display_that_begins_late_is_timed_from_its_beginning() -> None:
 
 def outcome(number: int, seen: str = "display", off: float | None = 0.2) -> SearchOutcome:
     found = None if off is None else 0.1 * (number + 1)
-    return SearchOutcome(
-        "fast", seen, number, 30.0, 0.3, found, off, seen == "display" and bool(off)
-    )
+    right = seen == "display" and off is not None
+    return SearchOutcome("fast", seen, number, 30.0, 0.3, found, off, right)
 
 
 def test_the_table_counts_what_was_found_and_what_should_not_have_been() -> None:
