@@ -105,10 +105,8 @@ export class WindowSearch {
     let faint = [];
     for (let count = watch.soon, seen = 0; seen < watch.window; count = seen + quarter) {
       while (watch.frames.length < Math.min(count, watch.window)) {
+        for (const quad of edges) watch.places(quad, watch.frames.length); // each frame its share
         yield NEXT_FRAME;
-        for (const quad of edges) {
-          for (const turn of ANY_TURN) proposer.pilotsSeen(quad, turn, watch.frames.length);
-        }
       }
       seen = watch.frames.length;
       const found = yield* this.#glance(edges, proposer, seen);
@@ -116,7 +114,6 @@ export class WindowSearch {
       if (!this.#isEager && seen < watch.window) continue;
       faint = [];
       for (const even of proposer.evenMeans()) {
-        if (seen < watch.window && watch.isFull) break; // they show more by now
         const edgesOf = yield* candidateSteps(even, CANDIDATES);
         const quads = edgesOf.map(({ corners }) => watch.onImage(corners));
         faint.push(...quads);
