@@ -7,7 +7,6 @@ they follow a code (`link.pilot_code`), it takes a clock (`export.pilots.code`).
 from collections.abc import Sequence
 from dataclasses import asdict, astuple, dataclass
 from functools import lru_cache
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,79 +35,6 @@ MOST_FRAMES = 64
 """Largest number of frames, the newest, in which a code is looked for."""
 
 
-class TogglePattern(Protocol):
-    """How a display toggles over the frames of a film.
-
-    Positions of frames are nominal frames since a reference (`export.pilots.waves.position`).
-    """
-
-    def amplitudes(self, series: NDArray[np.float32], at: Sequence[float]) -> NDArray[np.complex64]:
-        """Measure how each place toggles, over its deviation.
-
-        Args:
-            series: (frames, h, w) maps of a display, as of `over_deviation`.
-            at: positions of the frames.
-
-        Returns:
-            (h, w) complex amplitudes, real where the phase is known.
-        """
-        ...
-
-    def period_changes(self, maps: GridMaps, views: Map, at: Sequence[float]) -> Map:
-        """Measure by how much each pixel changed in each frame pair that the frames show.
-
-        Args:
-            maps: geometry of the maps.
-            views: (T, h, w) gray levels of T frames, rectified to the maps.
-            at: (T,) positions of the frames.
-
-        Returns:
-            (K, h, w) changes in K frame pairs, positive where a pixel's embedded frame is brighter
-            than its original; over each pixel's usual deviation.
-        """
-        ...
-
-    @property
-    def clear(self) -> bool:
-        """Whether no other way explains about as much."""
-        ...
-
-    def clock_in_seconds(self, fps: float, origin: float) -> DisplayClock | None:
-        """Tell when the display shows which state, where that is known.
-
-        Args:
-            fps: nominal number of frames of the camera in a second.
-            origin: time of the reference, seconds.
-        """
-        ...
-
-
-def find_toggling(
-    values: Sequence[NDArray[np.floating]], layout: Layout, at: Sequence[float], fps: float
-) -> tuple[float, TogglePattern]:
-    """Tell how surely values over time toggle with the pilots' signs, in any way.
-
-    Args:
-        values: T arrays (P,), one for each of T frames.
-        layout: with P pilots.
-        at: (T,) positions of the frames, rising.
-        fps: nominal number of frames in a second.
-
-    Returns:
-        evidence: natural logarithm of the probability that chance does as well, with the sign
-            turned; all ways that were tried are paid for.
-        toggling: the way in which they toggle most surely.
-    """
-    if layout.code == PLAIN:
-        evidence, frequency = pilot_evidence(values, layout, at)
-        return evidence, Wave(frequency)
-    places, picked = tuple(at)[-MOST_FRAMES:], values[-MOST_FRAMES:]
-    (lock,) = code_search(layout, layout.code, places, fps).strongest(
-        over_deviation(np.array(picked))
-    )
-    return lock.evidence, CodedToggling(lock.clock, layout.code, lock.rival < UNCLEAR)
-
-
 @lru_cache(maxsize=2)
 def code_search(layout: Layout, code: PilotCode, at: tuple[float, ...], fps: float) -> CodeSearch:
     """Make a search for a code in frames at positions; layouts are equal whatever theirs is."""
@@ -135,16 +61,33 @@ class Wave:
         return True
 
     def amplitudes(self, series: NDArray[np.float32], at: Sequence[float]) -> NDArray[np.complex64]:
-        """Measure how each place toggles, over its deviation: (h, w) complex amplitudes."""
+        """Measure how each place toggles, over its deviation.
+
+        Args:
+            series: (frames, h, w) maps of a display, as of `over_deviation`.
+            at: positions of the frames, in nominal frames since a reference.
+
+        Returns:
+            (h, w) complex amplitudes, real where the phase is known.
+        """
         turns = waves(at, np.array([self.frequency]), np.zeros(1))[0].round(12)
         return np.asarray(np.tensordot(turns.astype(np.complex64), series, axes=1), np.complex64)
 
     def period_changes(self, maps: GridMaps, views: Map, at: Sequence[float]) -> Map:
-        """Measure by how much each pixel changed in each period of the toggling: (K, h, w).
+        """Measure by how much each pixel changed in each period of the toggling, a frame pair.
 
         The phase of the toggling, which may slope across the display, is that of the pilots. A
         period begins where the first state of a frame pair does, so that the bits of different
         frame pairs are kept apart.
+
+        Args:
+            maps: geometry of the maps.
+            views: (T, h, w) gray levels of T frames, rectified to the maps.
+            at: (T,) positions of the frames, in nominal frames since a reference.
+
+        Returns:
+            (K, h, w) changes in K frame pairs, positive where a pixel's embedded frame is brighter
+            than its original; over each pixel's usual deviation.
         """
         layout, places = maps.layout, np.asarray(at, np.float64)
         pilots = [standing_out(v, layout).flat[layout.pilot_blocks] for v in maps.within(views)]
@@ -203,12 +146,12 @@ class CodedToggling:
         return np.asarray(shown[:, :, None] if down else shown[:, None, :])
 
     def amplitudes(self, series: NDArray[np.float32], at: Sequence[float]) -> NDArray[np.complex64]:
-        """Measure how each place toggles, over its deviation: (h, w), real."""
+        """Measure as `Wave.amplitudes` does: (h, w), real."""
         x, y = ((np.arange(side) + 0.5) / side for side in series.shape[:0:-1])
         return np.asarray((series * self._waves(at, x, y)).sum(axis=0), np.complex64)
 
     def period_changes(self, maps: GridMaps, views: Map, at: Sequence[float]) -> Map:
-        """Measure by how much each pixel changed in each frame pair: (K, h, w)."""
+        """Measure as `Wave.period_changes` does: (K, h, w)."""
         x, y = ((place + 1) / 2 for place in maps.places())
         shown, stack = self._waves(at, x, y), over_deviation(views)
         middle = np.asarray(at) + self.clock.centre
@@ -222,6 +165,41 @@ class CodedToggling:
         return np.array(changes, np.float32)
 
     def clock_in_seconds(self, fps: float, origin: float) -> DisplayClock | None:
-        """Give the clock by the camera's time, seconds."""
+        """Give the clock by the camera's time, seconds.
+
+        Args:
+            fps: nominal number of frames of the camera in a second.
+            origin: time of the reference, seconds.
+        """
         seconds = {name: frames / fps for name, frames in asdict(self.clock).items()}
         return DisplayClock(**{**seconds, "start": origin + seconds["start"]})
+
+
+TogglePattern = Wave | CodedToggling
+"""How a display toggles over the frames of a film."""
+
+
+def find_toggling(
+    values: Sequence[NDArray[np.floating]], layout: Layout, at: Sequence[float], fps: float
+) -> tuple[float, TogglePattern]:
+    """Tell how surely values over time toggle with the pilots' signs, in any way.
+
+    Args:
+        values: T arrays (P,), one for each of T frames.
+        layout: with P pilots.
+        at: (T,) positions of the frames, rising.
+        fps: nominal number of frames in a second.
+
+    Returns:
+        evidence: natural logarithm of the probability that chance does as well, with the sign
+            turned; all ways that were tried are paid for.
+        toggling: the way in which they toggle most surely.
+    """
+    if layout.code == PLAIN:
+        evidence, frequency = pilot_evidence(values, layout, at)
+        return evidence, Wave(frequency)
+    places, picked = tuple(at)[-MOST_FRAMES:], values[-MOST_FRAMES:]
+    (lock,) = code_search(layout, layout.code, places, fps).strongest(
+        over_deviation(np.array(picked))
+    )
+    return lock.evidence, CodedToggling(lock.clock, layout.code, lock.rival < UNCLEAR)
