@@ -110,7 +110,7 @@ class CodeSearch:
         waves -= (waves @ self._drifts) @ self._drifts.T
         self.waves: NDArray[np.float32] = waves.astype(np.float32)
         """(H, T) what a block of sign 1 shows at the display's centre, by H clocks, less drifts."""
-        self._frames = np.ascontiguousarray(self.waves.T)
+        self._waves_by_frame = np.ascontiguousarray(self.waves.T)
         self._part = np.minimum((places * SIDES).astype(np.intp), SIDES - 1)  # along x, along y
         within = self._part.T[:, None] == np.arange(SIDES)[:, None]  # (2, SIDES, P)
         self._signs_within = np.asarray(within * signs, np.float32)
@@ -138,7 +138,7 @@ class CodeSearch:
         """
         shape = len(self._hz), self._steps
         series = self._signs_within @ np.asarray(values, np.float32).T
-        sums = series.reshape(2 * SIDES, -1) @ self._frames  # (2, SIDES, T) -> (parts, T)
+        sums = series.reshape(2 * SIDES, -1) @ self._waves_by_frame  # (2, SIDES, T) -> (parts, T)
         sums = sums.reshape(2, SIDES, *shape)  # (parts, H) -> (2, SIDES, rates, phases)
         explained = np.maximum(_turning(sums)[self._parts].sum(axis=1), 0)
         explained *= explained * self._weights

@@ -19,7 +19,7 @@ from export.receive.reading.reader import DecodedPair, DisplayReader
 from export.receive.reading.states import MESH, DisplayState
 from export.receive.repeats import Repeats
 from export.receive.sight import Sight, StageTimes
-from export.receive.tracking.patches import DisplayTracker, Tracked, Tracker
+from export.receive.tracking.patches import Tracked, Tracker
 from export.receive.tracking.pilots import PilotTracker
 from export.receive.tracking.two_images import state_change
 from link.code.collect import Message
@@ -28,6 +28,9 @@ from link.frames import Captured
 from link.layout import Layout
 from link.presets import preset_name
 from link.types import Corners, Image
+
+DisplayTracker = Tracker | PilotTracker
+"""Finds a display, and follows it from frame to frame."""
 
 STILL = 2.0
 """Smallest change of the toggles between two images, in standard errors over patches or pilots, at

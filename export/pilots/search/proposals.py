@@ -99,14 +99,13 @@ class Proposer:
     Args:
         watch: the film, of which the reference frame has come.
         layouts: those that may be shown.
-        fps: nominal number of frames of the camera in a second.
     """
 
-    def __init__(self, watch: Watch, layouts: Sequence[Layout], fps: float) -> None:
-        self._watch, self._layouts, self._fps = watch, layouts, fps
+    def __init__(self, watch: Watch, layouts: Sequence[Layout]) -> None:
+        self._watch, self._layouts, self._fps = watch, layouts, watch.fps
         finest = max(layouts, key=lambda layout: layout.rows * layout.cols)
         self._finest = finest.cols, finest.rows
-        periods = (np.array(STATES_HZ) / 2 / fps) % 1
+        periods = (np.array(STATES_HZ) / 2 / watch.fps) % 1
         self._frequencies = sorted({float(f) for f in np.minimum(periods, 1 - periods) if f > 0})
         self._glances: dict[bytes, tuple[float, Proposal, Array]] = {}
         self._kept: dict[tuple[bytes, int], PilotsSeen] = {}

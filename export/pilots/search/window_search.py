@@ -85,7 +85,7 @@ class WindowSearch:
         bound a display, if not exactly.
         """
         watch = self.watch
-        proposer = Proposer(watch, self._layouts, watch.fps)
+        proposer = Proposer(watch, self._layouts)
         edges = yield from proposer.edges()
         count, seen = watch.soon, 0
         while seen < watch.window:

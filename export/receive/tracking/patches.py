@@ -61,46 +61,7 @@ class Tracked:
     """When the display shows which state, of one that was just found by its pilots' code."""
 
 
-class DisplayTracker:
-    """Finds a display, and follows it from frame to frame."""
-
-    layout: Layout
-    """Layout of the display that was found last."""
-
-    def follow(self, image: Image, time: float) -> Tracked | None:
-        """Find the display in the next frame.
-
-        Args:
-            image: an `Image`.
-            time: time of the frame, seconds; rising from frame to frame.
-
-        Returns:
-            the display, or None where it is not in view.
-        """
-        raise NotImplementedError
-
-    def set_aside(self, time: float, *, forget: bool) -> None:
-        """Look elsewhere, too, with the next frame, because what is followed does not toggle.
-
-        Pilots are found where they toggle, and lost where they no longer do, and this does nothing.
-
-        Args:
-            time: time of the frame, seconds.
-            forget: whether it is followed no more, because another display was found.
-        """
-
-    def correct(self, H_old_from_new: Homography) -> None:
-        """Move the display within its rectified image, from the next frame on.
-
-        Patches are seen in each frame, and say where the display lies, and this does nothing.
-
-        Args:
-            H_old_from_new: in layout pixels; says where points of the display lie in the
-                image rectified so far.
-        """
-
-
-class Tracker(DisplayTracker):
+class Tracker:
     """Finds a display by its ratex patches, and follows it as long as these are seen.
 
     Args:
@@ -127,7 +88,12 @@ class Tracker(DisplayTracker):
         self._elsewhere = False
 
     def set_aside(self, time: float, *, forget: bool) -> None:
-        """Look elsewhere, too, with the next frame, because what is followed does not toggle."""
+        """Look elsewhere, too, with the next frame, because what is followed does not toggle.
+
+        Args:
+            time: time of the frame, seconds.
+            forget: whether it is followed no more, because another display was found.
+        """
         corners = self._follower.corners
         if corners is not None:
             kept = [(at, place) for at, place in self._aside if not is_at(corners, [place])]
@@ -136,13 +102,29 @@ class Tracker(DisplayTracker):
         if forget:
             self._forget()
 
+    def correct(self, H_old_from_new: Homography) -> None:
+        """Do nothing: patches are seen in each frame, and say where the display lies.
+
+        Args:
+            H_old_from_new: in layout pixels; says where points of the display lie in the
+                image rectified so far.
+        """
+
     def _forget(self) -> None:
         """Follow nothing any more."""
         self._follower.forget()
         self._search, self._is_quick = None, True
 
     def follow(self, image: Image, time: float) -> Tracked | None:
-        """Find the display in the next frame, or return None where it is not in view."""
+        """Find the display in the next frame.
+
+        Args:
+            image: an `Image`.
+            time: time of the frame, seconds; rising from frame to frame.
+
+        Returns:
+            the display, or None where it is not in view.
+        """
         elsewhere, self._elsewhere = self._elsewhere, False
         self._aside = [(at, place) for at, place in self._aside if time - at < ASIDE_S]
         if self._follower.corners is not None:

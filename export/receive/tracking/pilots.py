@@ -14,7 +14,7 @@ from export.pilots.signal import pilot_values
 from export.pilots.toggling import find_toggling
 from export.pilots.waves import position
 from export.receive.tracking.follow import Follower
-from export.receive.tracking.patches import DisplayTracker, Tracked
+from export.receive.tracking.patches import Tracked
 from link.layout import Layout
 from link.types import Array, Homography, Image
 
@@ -33,7 +33,7 @@ SOON = 240
 by what did not move with it, its picture if that moves, or by a room in which nothing is seen."""
 
 
-class PilotTracker(DisplayTracker):
+class PilotTracker:
     """Finds a display that shows one of several layouts with pilots, and follows it.
 
     Args:
@@ -55,12 +55,19 @@ class PilotTracker(DisplayTracker):
         self._count = self._missed = 0
 
     def correct(self, H_old_from_new: Homography) -> None:
-        """Move the display within its rectified image, from the next frame on."""
+        """Move the display within its rectified image, from the next frame on.
+
+        Args:
+            H_old_from_new: as `Tracker.correct` takes it.
+        """
         H = self._H_followed_from_shown @ H_old_from_new
         self._H_followed_from_shown = H / H[2, 2]
 
     def set_aside(self, time: float, *, forget: bool) -> None:
-        """Look for the display anew, because what is followed gives nothing to read."""
+        """Look for the display anew, because what is followed gives nothing to read.
+
+        Neither argument matters: pilots are found only where they toggle.
+        """
         self._follower.forget()
 
     def follow(self, image: Image, time: float) -> Tracked | None:

@@ -104,7 +104,7 @@ def test_films_that_were_read_are_not_read_again(way, tmp_path, monkeypatch) -> 
     assert read(1) == films()[:1]
     assert len(asked) == (3 if way == "chromium" else 2)
     (tmp_path / "site" / "worker.js").write_text("changed")
-    read(1)
+    assert read(1) == films()[:1]
     assert len(asked) == (4 if way == "chromium" else 3)
 
 

@@ -91,7 +91,7 @@ export class Proposer {
   #frequencies;
   /** @type {Map<Point[], Glance>} */
   #glances = new Map();
-  /** What is kept of quadrilaterals (`pilotsSeen`), by turn. @type {Map<Point[], PilotsSeen[]>} */
+  /** What is kept of quadrilaterals (`#pilotsSeen`), by turn. @type {Map<Point[], PilotsSeen[]>} */
   #kept = new Map();
 
   /**
@@ -137,7 +137,7 @@ export class Proposer {
   *glanceSteps(quad, turns, count = null) {
     const ways = [];
     for (const turn of turns) {
-      const values = this.pilotsSeen(quad, turn, count);
+      const values = this.#pilotsSeen(quad, turn, count);
       ways.push(this.#surest(rolled(quad, turn), values, this.#layouts));
       yield GLANCE_WORK / 2;
     }
@@ -155,7 +155,7 @@ export class Proposer {
    * @param {number | null} count - as `Watch.places` takes it
    * @returns {PilotsSeen}
    */
-  pilotsSeen(quad, turn, count) {
+  #pilotsSeen(quad, turn, count) {
     const { cols, rows } = this.#finest;
     const kept = this.#kept.get(quad) ?? [[], []];
     if (count !== null) this.#kept.set(quad, kept);
@@ -263,7 +263,6 @@ export class Proposer {
  * @returns {PilotsSeen}
  */
 function pilotsIn(views, layouts) {
-  if (views.length === 0) return [];
   const ways = layouts.flatMap((layout) => {
     const last = layout.rows * layout.cols - 1;
     const pilots = [layout.pilotBlocks, layout.pilotBlocks.map((block) => last - block)];
