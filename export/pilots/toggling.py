@@ -4,7 +4,7 @@ Where pilots always toggle with the same signs, a frequency says how (`export.pi
 they follow a code (`link.pilot_code`), it takes a clock (`export.pilots.code`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, astuple, dataclass
 from functools import lru_cache
 
@@ -25,7 +25,7 @@ from export.pilots.signal import (
 from export.pilots.waves import waves
 from link.layout import Layout
 from link.pilot_code import PLAIN, PilotCode
-from link.types import Array, Map
+from link.types import Array, Gray, Map, Real
 
 LEAST_WAVE = 1e-3
 """Power of the toggling that the frames of one period hold below which they tell nothing."""
@@ -42,10 +42,22 @@ def code_search(layout: Layout, code: PilotCode, at: tuple[float, ...], fps: flo
     return CodeSearch(code, signs, places, np.array(at), 1.0, fps)
 
 
-def over_deviation(views: NDArray[np.floating]) -> NDArray[np.float32]:
+def over_deviation(views: Real) -> NDArray[np.float32]:
     """Divide what differs from the mean over time, along axis 0, by its usual deviation."""
-    stack = views - views.mean(axis=0)
-    return np.asarray(stack / (views.std(axis=0) + LEAST_DEVIATION), np.float32)
+    mean, usual = mean_and_deviation(views)
+    return np.asarray((views - mean) / usual, np.float32)
+
+
+def mean_and_deviation(views: Real | Gray) -> tuple[Map, Map]:
+    """Find the mean over time, along axis 0, and the usual deviation, view after view.
+
+    Memory for the deviations of all views at once would take longer to get than to fill.
+    """
+    mean = views.mean(axis=0, dtype=np.float32)
+    squares = np.zeros_like(mean)
+    for view in views:
+        squares += (view - mean) ** 2
+    return mean, np.sqrt(squares / np.float32(len(views))) + np.float32(LEAST_DEVIATION)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +85,7 @@ class Wave:
         turns = waves(at, np.array([self.frequency]), np.zeros(1))[0].round(12)
         return np.asarray(np.tensordot(turns.astype(np.complex64), series, axes=1), np.complex64)
 
-    def period_changes(self, maps: GridMaps, views: Map, at: Sequence[float]) -> Map:
+    def period_changes(self, maps: GridMaps, views: Gray, at: Sequence[float]) -> Iterator[Map]:
         """Measure by how much each pixel changed in each period of the toggling, a frame pair.
 
         The phase of the toggling, which may slope across the display, is that of the pilots. A
@@ -85,20 +97,20 @@ class Wave:
             views: (T, h, w) gray levels of T frames, rectified to the maps.
             at: (T,) positions of the frames, in nominal frames since a reference.
 
-        Returns:
-            (K, h, w) changes in K frame pairs, positive where a pixel's embedded frame is brighter
-            than its original; over each pixel's usual deviation.
+        Yields:
+            (h, w) changes in a frame pair, positive where a pixel's embedded frame is brighter than
+            its original; over each pixel's usual deviation.
         """
         layout, places = maps.layout, np.asarray(at, np.float64)
-        pilots = [standing_out(v, layout).flat[layout.pilot_blocks] for v in maps.within(views)]
+        shown = (maps.within(view.astype(np.float32)) for view in views)
+        pilots = [standing_out(view, layout).flat[layout.pilot_blocks] for view in shown]
         turns = waves(places, np.array([self.frequency]), np.zeros(1))[0]
         (across, down), angle = common_phase(turns @ np.array(pilots), layout)
         x, y = (place / 2 for place in maps.places())
         turned = np.exp(-1j * (across * x + down * y[:, None] + angle)).astype(np.complex64)
         periods = self.frequency * (places - places[0])
         begun = np.floor(periods + angle / (2 * np.pi) - 0.25 + 1e-6)
-        usual = views.std(axis=0) + np.float32(LEAST_DEVIATION)
-        changes = []
+        _, usual = mean_and_deviation(views)
         for number in np.unique(begun):
             taken = begun == number
             wave = np.exp(-2j * np.pi * periods[taken])
@@ -110,8 +122,7 @@ class Wave:
                 np.tensordot(part.astype(np.float32), views[taken], axes=1)
                 for part in (wave.real / np.sqrt(power), wave.imag / np.sqrt(power))
             )
-            changes.append((real * turned.real - imaginary * turned.imag) / usual)
-        return np.array(changes, np.float32)
+            yield np.asarray((real * turned.real - imaginary * turned.imag) / usual, np.float32)
 
     def clock_in_seconds(self, fps: float, origin: float) -> DisplayClock | None:
         """Return None: a wave comes again with each frame pair, which tells no number."""
@@ -150,19 +161,18 @@ class CodedToggling:
         x, y = ((np.arange(side) + 0.5) / side for side in series.shape[:0:-1])
         return np.asarray((series * self._waves(at, x, y)).sum(axis=0), np.complex64)
 
-    def period_changes(self, maps: GridMaps, views: Map, at: Sequence[float]) -> Map:
-        """Measure as `Wave.period_changes` does: (K, h, w)."""
+    def period_changes(self, maps: GridMaps, views: Gray, at: Sequence[float]) -> Iterator[Map]:
+        """Measure as `Wave.period_changes` does."""
         x, y = ((place + 1) / 2 for place in maps.places())
-        shown, stack = self._waves(at, x, y), over_deviation(views)
+        shown, (mean, usual) = self._waves(at, x, y), mean_and_deviation(views)
         middle = np.asarray(at) + self.clock.centre
         numbers = np.floor((middle - self.clock.start) / self.clock.period / 2)
-        changes = []
         for number in np.unique(numbers):
             taken = numbers == number
             power = float((shown[taken] ** 2).sum(axis=0).mean())
             if power >= LEAST_WAVE:
-                changes.append((stack[taken] * shown[taken]).sum(axis=0) / np.sqrt(power))
-        return np.array(changes, np.float32)
+                change = ((views[taken] - mean) / usual * shown[taken]).sum(axis=0)
+                yield np.asarray(change / np.sqrt(power), np.float32)
 
     def clock_in_seconds(self, fps: float, origin: float) -> DisplayClock | None:
         """Give the clock by the camera's time, seconds.

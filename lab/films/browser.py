@@ -28,19 +28,6 @@ BROWSER_FLAGS = [
     "--disable-component-update",
 ]
 """Flags with which Chromium is started."""
-CAMERA = "--use-fake-device-for-media-stream"
-"""Flag that gives Chromium a simulated camera."""
-ALLOWED = "--use-fake-ui-for-media-stream"
-"""Flag with which every page may use the camera without being asked."""
-
-
-def camera_flags(film: Path) -> list[str]:
-    """Flags with which Chromium's camera plays a film over and over, and every page may use it.
-
-    Args:
-        film: a file that `lab.films.y4m` wrote.
-    """
-    return [CAMERA, ALLOWED, f"--use-file-for-fake-video-capture={film}"]
 
 
 def find_browser() -> str | None:

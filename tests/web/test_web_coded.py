@@ -118,7 +118,7 @@ def test_what_a_code_changes_is_measured_as_by_python(
     planes = port("pilots/search/allBlocks.js").blockMaps(LAYOUT)
     run = port("link/code/steps.js").runToEnd
     changes = run(ported.changeSteps(planes, list(views), at))
-    same(np.array(changes), toggling.period_changes(maps, views, at), PILOT_CHANGE)
+    same(np.array(changes), list(toggling.period_changes(maps, views, at)), PILOT_CHANGE)
     series = port("pilots/signal.js").overDeviation([view.reshape(-1) for view in views])
     line = ported.amplitudes(series, at, maps.size)
     expected = toggling.amplitudes(over_deviation(views), at).real.reshape(-1)  # -> (pixels,)

@@ -18,15 +18,7 @@ from pilot_films import TEXT, robust_film
 from web_films import gray, limited, write_film
 
 from export.web.site import WEB
-from lab.films.browser import (
-    ALLOWED,
-    BROWSER_FLAGS,
-    CAMERA,
-    camera_flags,
-    find_browser,
-    serve_folder,
-    text_of,
-)
+from lab.films.browser import BROWSER_FLAGS, find_browser, serve_folder, text_of
 from lab.films.y4m import write_y4m
 from link.code.authenticate import sign
 from link.code.framing import encode
@@ -35,6 +27,9 @@ from link.presets import PRESETS
 
 pytestmark = pytest.mark.slow
 
+CAMERA, ALLOWED = "--use-fake-device-for-media-stream", "--use-fake-ui-for-media-stream"
+FILMING = CAMERA, ALLOWED, "--use-file-for-fake-video-capture={}"
+"""Flags: a simulated camera, which every page may use unasked, and which plays a film."""
 PATIENCE_S = 100.0
 """Time, in seconds, that a loaded machine may take for what takes two."""
 
@@ -428,7 +423,7 @@ def test_browsers_without_something_give_the_camera_s_frames_too(
     even = np.full((20, 48, 64), 64, np.uint8)
     with (tmp_path / "film.y4m").open("wb") as stream:
         write_y4m(stream, limited(even), 30)
-    flags = camera_flags(tmp_path / "film.y4m")
+    flags = [flag.format(tmp_path / "film.y4m") for flag in FILMING]
     with open_page(browser, flags, worker=with_comlink(GIVEN)) as page:
         page.add_init_script(WITHOUT[kind])
         page.goto(address[0])
@@ -464,7 +459,7 @@ def test_what_the_camera_sees_is_read_and_can_be_saved(browser, address, tmp_pat
     film = tmp_path / "robust.y4m"
     with film.open("wb") as stream:
         write_y4m(stream, robust_film(90)[0], 30)
-    with open_page(browser, camera_flags(film)) as page:
+    with open_page(browser, [flag.format(film) for flag in FILMING]) as page:
         page.goto(address[0])
         wait_for(page, lambda: page.evaluate("!document.getElementById('record').disabled"))
         page.locator("summary").click()

@@ -19,7 +19,7 @@ from pilot_films import (
 from port import Port, differences, same
 
 from export.pilots.motion import map_size, moved_corners, without_slope
-from export.pilots.search.all_blocks import BlockFit, block_maps
+from export.pilots.search.all_blocks import block_fit, block_maps
 from export.pilots.search.parts import COARSE_SIZE, coarse_shift
 from export.pilots.search.toggle_map import ToggleMap
 from export.pilots.signal import (
@@ -199,7 +199,7 @@ def test_corners_move_by_all_blocks(
     assert maps.size == list(views.shape[:0:-1])
     toggling = port("pilots/toggling.js").Wave(1 / period)
     ported = run(module.blockFitSteps(maps, list(views), at, toggling))
-    fit = BlockFit(block_maps(layout), views, at, Wave(1 / period))
+    fit = run_to_end(block_fit(block_maps(layout), views, at, Wave(1 / period)))
     same(ported.changes, fit.changes, within.PILOT_CHANGE)
     for _ in range(5):
         settled = fit.step()
@@ -213,10 +213,9 @@ def test_corners_move_by_all_blocks(
 def test_all_blocks_tell_how_a_lens_bends_the_display(port: Port, k: float) -> None:
     module, run = port("pilots/search/allBlocks.js"), port("link/code/steps.js").runToEnd
     views, at = block_views(FINE, np.zeros((4, 2)), 16, 4, k=k), list(range(16))
-    maps = module.blockMaps(FINE)
     toggling = port("pilots/toggling.js").Wave(0.25)
-    ported = run(module.blockFitSteps(maps, list(views), at, toggling))
-    fit = BlockFit(block_maps(FINE), views, at, Wave(0.25))
+    ported = run(module.blockFitSteps(module.blockMaps(FINE), list(views), at, toggling))
+    fit = run_to_end(block_fit(block_maps(FINE), views, at, Wave(0.25)))
     fit.free_lens(BENT_CORNERS, BENT_SIZE)
     ported.freeLens(BENT_CORNERS.tolist(), *BENT_SIZE)
     for _ in range(12):

@@ -21,17 +21,18 @@ from export.pilots.motion import (
     pixels_from_unit,
     unit_homography,
 )
-from export.pilots.signal import (
-    pilot_signs,
-)
+from export.pilots.signal import pilot_signs
 from export.pilots.toggling import TogglePattern
+from link.code.steps import Steps
 from link.geometry import Lens, transform
 from link.layout import Layout
-from link.types import Array, Corners, Map
+from link.types import Array, Corners, Gray, Map
 
 LEAST_SIDE_PX, MOST_SHRUNK = 4.0, 2
 """Smallest side of a block, in pixels of the maps, and the largest factor by which the maps are
 smaller than the layout."""
+STEP_PERIODS = 24
+"""Number of periods whose changes are measured in one step."""
 SPAN = 0.15
 """Standard deviation, in blocks, over which the expected and the seen changes are smoothed."""
 LEAST_NOISE, LEAST_TOGGLING = 0.02, 0.01
@@ -74,23 +75,35 @@ def block_maps(layout: Layout) -> GridMaps:
     return GridMaps(layout, (width, height), (-(-width // layout.cols), -(-height // layout.rows)))
 
 
+def block_fit(
+    maps: GridMaps, views: Sequence[Gray], at: Sequence[float], toggling: TogglePattern
+) -> Steps["BlockFit"]:
+    """Make ready to fit the corners of a display by all of its blocks.
+
+    Args:
+        maps: geometry of the maps.
+        views: (h, w) gray levels of T frames, rectified to the maps.
+        at: (T,) positions of the frames (`export.pilots.waves.position`).
+        toggling: how the display toggles.
+    """
+    changes = []
+    for change in toggling.period_changes(maps, np.array(views), at):
+        changes.append(maps.smooth(change, SPAN))
+        if len(changes) % STEP_PERIODS == 0:
+            yield 1
+    return BlockFit(maps, np.array(changes))
+
+
 class BlockFit:
     """Moves the grid of a display, step by step, until its blocks change as wholes.
 
     Args:
         maps: geometry of the maps.
-        views: (T, h, w) gray levels of T frames, rectified to the maps.
-        at: (T,) positions of the frames (`export.pilots.waves.position`).
-        toggling: how the display toggles.
+        changes: (K, h, w) smooth changes in K periods, without slope.
     """
 
-    def __init__(
-        self, maps: GridMaps, views: Map, at: Sequence[float], toggling: TogglePattern
-    ) -> None:
-        self.maps = maps
-        seen = toggling.period_changes(maps, views, at)
-        self.changes: Map = np.array([maps.smooth(change, SPAN) for change in seen])
-        """(K, h, w) smooth changes in K periods, without slope."""
+    def __init__(self, maps: GridMaps, changes: Map) -> None:
+        self.maps, self.changes = maps, changes
         self._H_old_from_new, self._k = np.eye(3), 0.0
         self._best = self._H_old_from_new, self._k
         self._score = -1.0

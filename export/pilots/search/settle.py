@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.pilots.motion import moved_corners
-from export.pilots.search.all_blocks import BlockFit, block_maps
+from export.pilots.search.all_blocks import BlockFit, block_fit, block_maps
 from export.pilots.search.film import HeldFrame, positions, rectified_views
 from export.pilots.search.parts import COARSE_SIZE, MANY, coarse_shift
 from export.pilots.search.proposals import Proposal, weigh
@@ -89,6 +89,7 @@ def settle(
     evidence -= price
     used = len(watch.frames)
     start, fit = best, (yield from _by_blocks(best, watch.frames[:used]))
+    yield 1
     fitted = best if fit is None else _moved(best, fit)
     known: dict[HeldFrame, NDArray[np.float32]] = {}
     now, toggling = weigh(fitted, frames, watch.fps, known)
@@ -159,7 +160,7 @@ def _by_blocks(proposal: Proposal, frames: Sequence[HeldFrame]) -> Steps[BlockFi
             return None
         views.append(view)
     yield 1
-    fit = BlockFit(maps, np.array(views, np.float32), positions(frames), proposal.toggling)
+    fit = yield from block_fit(maps, views, positions(frames), proposal.toggling)
     for _ in range(BLOCK_ROUNDS):
         yield 1
         if fit.step():

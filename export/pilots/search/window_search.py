@@ -46,7 +46,8 @@ class WindowSearch:
     """
 
     def __init__(self, watch: Watch, layouts: Sequence[Layout], turns: Sequence[int]) -> None:
-        self.watch, self._layouts, self._turns = watch, layouts, turns
+        self.watch, self._turns = watch, turns
+        self._proposer = Proposer(watch, layouts)
         self.surest_seen = 0.0
         """Largest evidence of a quadrilateral so far, before it pays."""
         self.is_late = False
@@ -84,8 +85,7 @@ class WindowSearch:
         been watched, other quadrilaterals are, and the pilots are fitted to those that probably
         bound a display, if not exactly.
         """
-        watch = self.watch
-        proposer = Proposer(watch, self._layouts)
+        watch, proposer = self.watch, self._proposer
         edges = yield from proposer.edges()
         count, seen = watch.soon, 0
         while seen < watch.window:
@@ -95,61 +95,59 @@ class WindowSearch:
                     proposer.pilots_seen(quad, turn, len(watch.frames))
             seen = len(watch.frames)
             count = seen + watch.window // 4
-            if found := (yield from self._glance(edges, proposer, seen)):
+            if found := (yield from self._glance(edges, seen)):
                 return found
         faint: list[Array] = []
         for quads in proposer.faint_edges():
             yield 1
             faint += quads
-            if found := (yield from self._glance(quads, proposer)):
+            if found := (yield from self._glance(quads)):
                 return found
         self.is_late = True
         strongest = [*edges[:STRONGEST], *faint[:1]]
-        if found := (yield from self._fit(strongest, proposer)):
+        if found := (yield from self._fit(strongest)):
             return found
         outlines = yield from proposer.outlines()
         framed = [inset(quad, FRAME_SHARE) for quad in (*edges, *faint[:CANDIDATES])]
-        if found := (yield from self._glance([*outlines, *framed], proposer)):
+        if found := (yield from self._glance([*outlines, *framed])):
             return found
         glances = proposer.glances()
-        for proposal in [proposal for evidence, proposal, _ in glances if evidence > HINT]:
+        for evidence, proposal, _ in glances:  # those more promising have been settled
+            if not HINT < evidence <= PROMISING:
+                continue
             if found := (yield from self._weigh_and_settle(proposal)):
                 return found
         tried = {id(quad) for quad in strongest}
         clearest = [quad for _, _, quad in glances if id(quad) not in tried][:CLEAREST]
-        return (yield from self._fit([*clearest, *outlines], proposer))
+        return (yield from self._fit([*clearest, *outlines]))
 
-    def _glance(
-        self, quads: Sequence[Array], proposer: Proposer, count: int | None = None
-    ) -> Search:
+    def _glance(self, quads: Sequence[Array], count: int | None = None) -> Search:
         """Glance at quadrilaterals, and settle each that is promising.
 
         Args:
             quads: (4, 2) pixels of the reference frame each, the likeliest first.
-            proposer: glances at them.
             count: as `Watch.places` takes it; None for those that are proposed late.
         """
         turns = self._turns if count is None else ANY_TURN
         for number, quad in enumerate(quads):
-            evidence, proposal = proposer.glance(quad, turns, count)
+            evidence, proposal = self._proposer.glance(quad, turns, count)
             if evidence > PROMISING and (found := (yield from self._weigh_and_settle(proposal))):
                 return found
             if number % GLANCES == GLANCES - 1:
                 yield 1
         return None
 
-    def _fit(self, quads: Sequence[Array], proposer: Proposer) -> Search:
+    def _fit(self, quads: Sequence[Array]) -> Search:
         """Fit the pilots to quadrilaterals, and settle each fit that is a hint.
 
         Args:
             quads: (4, 2) pixels of the reference frame each, the likeliest first.
-            proposer: fits the pilots.
         """
         for quad, turn in product(quads, self._turns):
-            fit = yield from proposer.first_fit(np.roll(quad, -turn, axis=0))
+            fit = yield from self._proposer.first_fit(np.roll(quad, -turn, axis=0))
             if fit is None:
                 continue
-            evidence, _ = proposer.surest_in(fit.corners, [fit.layout])
+            evidence, _ = self._proposer.surest_in(fit.corners, [fit.layout])
             yield 1
             if evidence > HINT and (found := (yield from self._settle(fit, evidence))):
                 return found

@@ -1,5 +1,7 @@
 """A display without patches is found by its pilots, and nothing else is."""
 
+from unittest.mock import Mock
+
 import cv2
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ from pilot_films import (
 )
 
 from export.pilots.search import window_search
-from export.pilots.search.all_blocks import BlockFit, block_maps
+from export.pilots.search.all_blocks import BlockFit, block_fit, block_maps
 from export.pilots.search.parts import COARSE_SIZE, coarse_shift
 from export.pilots.search.pilot_search import PilotSearch
 from export.pilots.search.settle import settle
@@ -74,9 +76,8 @@ def test_finds_a_display_to_which_the_camera_turns() -> None:
 def test_a_search_goes_on_while_the_hand_moves_the_frame_a_little() -> None:
     images, _ = filmed(FINE, 20, seed=0)
     finder = PilotSearch([OTHER], 60.0)
-    middle = np.array([320.0, 240.0])
     for number, image in enumerate(images):
-        grow = cv2.getRotationMatrix2D(middle.tolist(), 0.1 * number, 1 + 0.002 * number)
+        grow = cv2.getRotationMatrix2D((320, 240), 0.1 * number, 1 + 0.002 * number)
         finder.push(cv2.warpAffine(image, grow, (640, 480)), number / 60)
     assert finder._windows[0].watch.first.time == 0.0
 
@@ -128,6 +129,15 @@ def test_a_proposal_that_waits_for_frames_holds_up_no_other(monkeypatch) -> None
     settled: list[object] = []
     monkeypatch.setattr(window_search, "settle", waits_at_first)
     find(*filmed(FINE, 60, seed=0), [FINE])
+
+
+def test_of_late_windows_the_surest_goes_on_first() -> None:
+    search, taken = PilotSearch([FINE]), []
+    for seen in (1.0, 9.0):
+        steps = (taken.append(evidence) or 1 for evidence in [seen] * 9)
+        search._windows.append(Mock(is_late=True, surest_seen=seen, steps=steps))
+    search.push(np.zeros((8, 8), np.uint8), 0.0)
+    assert taken[0] == 9.0
 
 
 @pytest.mark.slow
@@ -254,9 +264,8 @@ def test_corner_shifts_are_recovered(shift: tuple[float, float]) -> None:
     rng = np.random.default_rng(6)
     blocks = pilots_alone(FINE, (FINE.cols, FINE.rows)).astype(np.float64)
     full = pilots_alone(FINE, (FINE.width, FINE.height))
-    moved = cv2.warpAffine(
-        full, np.array([[1, 0, shift[0]], [0, 1, shift[1]]], float), full.shape[::-1]
-    )
+    by_shift = np.array([[1, 0, shift[0]], [0, 1, shift[1]]], float)
+    moved = cv2.warpAffine(full, by_shift, full.shape[::-1])
     seen = cv2.resize(moved, COARSE_SIZE, interpolation=cv2.INTER_AREA)
     seen = seen + rng.normal(0, 0.3, seen.shape)
     fit = coarse_shift((seen * np.exp(0.7j)).astype(np.complex64), blocks, FINE)
@@ -269,9 +278,13 @@ OFF = np.array([[5.0, -3.0], [-4.0, 2.0], [3.0, 4.0], [-2.0, -5.0]])
 """Errors of corners that the pilots may leave, in layout pixels; a block of FINE has 16."""
 
 
+def fit_of(views: Floats, frequency: float = 0.25) -> BlockFit:
+    return run_to_end(block_fit(block_maps(FINE), views, range(len(views)), Wave(frequency)))
+
+
 def fitted_by_blocks(views: Floats, frequency: float) -> Array:
     """Corners, in layout pixels, to which the fit by all blocks moves those of the views."""
-    fit = BlockFit(block_maps(FINE), views, range(len(views)), Wave(frequency))
+    fit = fit_of(views, frequency)
     for _ in range(6):
         if fit.step():
             break
@@ -291,8 +304,7 @@ def test_all_blocks_lead_to_parts_of_a_pixel(frames_a_period: int, slope: float)
 @pytest.mark.parametrize("off", [0 * OFF, OFF], ids=["right", "off"])
 def test_all_blocks_tell_how_a_lens_bends_the_display(k: float, off: Array) -> None:
     """Corners were found as if the lens bent nothing."""
-    views = block_views(FINE, off, 24, 4, k=k)
-    fit = BlockFit(block_maps(FINE), views, range(24), Wave(0.25))
+    fit = fit_of(block_views(FINE, off, 24, 4, k=k))
     H_captured_from_view = homography_from_corners(BENT_CORNERS, 512, 384) @ np.linalg.inv(
         homography_from_corners(frame_corners(512, 384) + off, 512, 384)
     )
@@ -308,12 +320,7 @@ def test_all_blocks_tell_how_a_lens_bends_the_display(k: float, off: Array) -> N
 
 @pytest.mark.parametrize("toggling", [3.0, 0.0])
 def test_no_lens_is_seen_where_none_bends_and_where_nothing_toggles(toggling: float) -> None:
-    fit = BlockFit(
-        block_maps(FINE),
-        block_views(FINE, 0 * OFF, 24, 4, toggling=toggling),
-        range(24),
-        Wave(0.25),
-    )
+    fit = fit_of(block_views(FINE, 0 * OFF, 24, 4, toggling=toggling))
     fit.free_lens(BENT_CORNERS, BENT_SIZE)
     fit.step()
     assert not fit.bends()
@@ -321,9 +328,8 @@ def test_no_lens_is_seen_where_none_bends_and_where_nothing_toggles(toggling: fl
 
 def test_a_display_in_a_corner_of_the_image_tells_of_no_lens() -> None:
     """A small display is hardly bent, and noise does not make it look so."""
-    small = 100 + 0.2 * BENT_CORNERS
-    fit = BlockFit(block_maps(FINE), block_views(FINE, 0 * OFF, 24, 4), range(24), Wave(0.25))
-    fit.free_lens(small, BENT_SIZE)
+    fit = fit_of(block_views(FINE, 0 * OFF, 24, 4))
+    fit.free_lens(100 + 0.2 * BENT_CORNERS, BENT_SIZE)
     fit.step()
     assert not fit.bends()
 
@@ -341,8 +347,8 @@ def test_changes_of_frame_pairs_are_kept_apart() -> None:
     maps = block_maps(FINE)
     blocks = np.array(
         [
-            cv2.resize(np.ascontiguousarray(change), (32, 24), interpolation=cv2.INTER_AREA)
-            for change in maps.within(Wave(0.25).period_changes(maps, views, range(24)))
+            cv2.resize(maps.within(change).copy(), (32, 24), interpolation=cv2.INTER_AREA)
+            for change in Wave(0.25).period_changes(maps, views, range(24))
         ]
     ).reshape(-1, 24 * 32)
     signs = np.sign(blocks[:, FINE.pilot_blocks])

@@ -23,11 +23,11 @@ export const { ANY_TURN } = pilotsSearchWindowSearch;
 
 /** Looks for a display in the frames that follow a reference frame. */
 export class WindowSearch {
-  #layouts;
+  #proposer;
   #isEager;
   #turns;
   /** Largest evidence of a quadrilateral so far, before it pays. */
-  #surestSeen = 0;
+  surestSeen = 0;
   /** Whether all edges have been glanced at, in all frames that are watched. */
   isLate = false;
   /** Whether a proposal is being settled. */
@@ -45,7 +45,7 @@ export class WindowSearch {
    */
   constructor(watch, layouts, turns, isEager) {
     this.watch = watch;
-    this.#layouts = layouts;
+    this.#proposer = new Proposer(watch, layouts);
     this.#turns = turns;
     this.#isEager = isEager;
     /** Steps of the search, each with the frames that have come so far. */
@@ -59,7 +59,7 @@ export class WindowSearch {
 
   /** Whether something toggles like a display, unless its picture moves, too. */
   get isDoubtful() {
-    return this.#surestSeen > PROMISING && !this.watch.pictureMoves;
+    return this.surestSeen > PROMISING && !this.watch.pictureMoves;
   }
 
   /**
@@ -96,10 +96,10 @@ export class WindowSearch {
    */
   *#search() {
     const { watch } = this;
+    const proposer = this.#proposer;
     const within = yield* candidateSteps(watch.reference, CANDIDATES);
     const leaving = yield* leavingSteps(watch.reference, LEAVING);
     const edges = [...within.map((edge) => edge.corners), ...leaving];
-    const proposer = new Proposer(watch, this.#layouts);
     const quarter = Math.floor(watch.window / 4);
     /** @type {Point[][]} */
     let faint = [];
@@ -109,7 +109,7 @@ export class WindowSearch {
         yield NEXT_FRAME;
       }
       seen = watch.frames.length;
-      const found = yield* this.#glance(edges, proposer, seen);
+      const found = yield* this.#glance(edges, seen);
       if (found !== null) return found;
       if (!this.#isEager && seen < watch.window) continue;
       faint = [];
@@ -117,38 +117,38 @@ export class WindowSearch {
         const edgesOf = yield* candidateSteps(even, CANDIDATES);
         const quads = edgesOf.map(({ corners }) => watch.onImage(corners));
         faint.push(...quads);
-        const soon = yield* this.#glance(quads, proposer);
+        const soon = yield* this.#glance(quads);
         if (soon !== null) return soon;
       }
     }
     this.isLate = true;
     const strongest = [...edges.slice(0, STRONGEST), ...faint.slice(0, 1)];
-    const fitted = yield* this.#fit(strongest, proposer);
+    const fitted = yield* this.#fit(strongest);
     if (fitted !== null) return fitted;
     const outlines = yield* proposer.outlines();
     const framed = [...edges, ...faint.slice(0, CANDIDATES)].map((quad) => inset(quad, FRAME_SHARE));
-    const later = yield* this.#glance([...outlines, ...framed], proposer);
+    const later = yield* this.#glance([...outlines, ...framed]);
     if (later !== null) return later;
     const glances = proposer.glances();
-    for (const [, { proposal }] of glances.filter(([, { evidence }]) => evidence > HINT)) {
+    for (const [, { evidence, proposal }] of glances) {
+      if (!(evidence > HINT && evidence <= PROMISING)) continue; // more promising ones are settled
       const found = yield* this.#weighAndSettle(proposal);
       if (found !== null) return found;
     }
     const untried = glances.map(([quad]) => quad).filter((quad) => !strongest.includes(quad));
-    return yield* this.#fit([...untried.slice(0, CLEAREST), ...outlines], proposer);
+    return yield* this.#fit([...untried.slice(0, CLEAREST), ...outlines]);
   }
 
   /**
    * Glance at quadrilaterals, and settle each that is promising.
    *
    * @param {Point[][]} quads - the likeliest first
-   * @param {Proposer} proposer
    * @param {number | null} [count] - as `Watch.places` takes it; null for those that are proposed late
    */
-  *#glance(quads, proposer, count = null) {
+  *#glance(quads, count = null) {
     const turns = count === null ? this.#turns : ANY_TURN;
     for (const quad of quads) {
-      const { evidence, proposal } = yield* proposer.glanceSteps(quad, turns, count);
+      const { evidence, proposal } = yield* this.#proposer.glanceSteps(quad, turns, count);
       if (!(evidence > PROMISING)) continue;
       const found = yield* this.#weighAndSettle(proposal);
       if (found !== null) return found;
@@ -160,14 +160,13 @@ export class WindowSearch {
    * Fit the pilots to quadrilaterals, and settle each fit that is a hint.
    *
    * @param {Point[][]} quads - the likeliest first
-   * @param {Proposer} proposer
    */
-  *#fit(quads, proposer) {
+  *#fit(quads) {
     for (const quad of quads) {
       for (const turn of this.#turns) {
-        const fit = yield* proposer.firstFit(rolled(quad, turn));
+        const fit = yield* this.#proposer.firstFit(rolled(quad, turn));
         if (fit === null) continue;
-        const { evidence } = proposer.surestIn(fit.corners, fit.layout);
+        const { evidence } = this.#proposer.surestIn(fit.corners, fit.layout);
         yield GLANCE_WORK;
         if (!(evidence > HINT)) continue;
         const found = yield* this.#settle(fit, evidence);
@@ -194,7 +193,7 @@ export class WindowSearch {
    * @param {number} evidence
    */
   *#settle(proposal, evidence) {
-    this.#surestSeen = Math.max(this.#surestSeen, evidence);
+    this.surestSeen = Math.max(this.surestSeen, evidence);
     return yield* this.#goOn(settleSteps(proposal, evidence, this.watch));
   }
 
