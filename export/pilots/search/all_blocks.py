@@ -31,7 +31,7 @@ from link.types import Array, Corners, Gray, Map
 LEAST_SIDE_PX, MOST_SHRUNK = 4.0, 2
 """Smallest side of a block, in pixels of the maps, and the largest factor by which the maps are
 smaller than the layout."""
-STEP_PERIODS = 24
+STEP_PERIODS = 32
 """Number of periods whose changes are measured in one step."""
 SPAN = 0.15
 """Standard deviation, in blocks, over which the expected and the seen changes are smoothed."""

@@ -91,7 +91,7 @@ class PilotSearch:
         if len(self._windows) < WINDOWS and all(w.is_late for w in self._windows):
             self._begin(image, time)
         left = self._steps
-        for window in sorted(self._windows, key=lambda w: (w.is_late, -w.surest_seen)):
+        for window in sorted(self._windows, key=lambda w: (w.is_late, not w.waiting)):
             if window.is_late:
                 left = ceil(left / 2)
             while left > 0:

@@ -52,7 +52,8 @@ class WindowSearch:
         """Largest evidence of a quadrilateral so far, before it pays."""
         self.is_late = False
         """Whether all edges have been glanced at, in all frames that are watched."""
-        self._waiting: list[Search] = []
+        self.waiting: list[Search] = []
+        """Proposals being settled that have waited for a frame, or wait for one."""
         self.steps = self._all_steps()
         """Steps of the search, each with the frames that have come so far."""
 
@@ -65,11 +66,10 @@ class WindowSearch:
         """Search, and go on first with what waited for a frame once the frame has come."""
         search, newest, is_over = self._search(), self.watch.first, False
         last: Settled | None = None
-        while last is None and (self._waiting or not is_over):
+        while last is None and (self.waiting or not is_over):
             if self.watch.held[-1] is not newest:
-                newest, waiting = self.watch.held[-1], self._waiting
-                self._waiting = []
-                for settling in waiting:
+                newest = self.watch.held[-1]
+                for settling in tuple(self.waiting):
                     if found := (yield from self._go_on(settling)):
                         return found
             try:
@@ -170,9 +170,11 @@ class WindowSearch:
             try:
                 work = next(settling)
             except StopIteration as end:
+                self.waiting = [each for each in self.waiting if each is not settling]
                 found: Settled | None = end.value
                 return found
             if work == NEXT_FRAME:
-                self._waiting.append(settling)
+                if settling not in self.waiting:
+                    self.waiting.append(settling)
                 return None
             yield work

@@ -131,13 +131,13 @@ def test_a_proposal_that_waits_for_frames_holds_up_no_other(monkeypatch) -> None
     find(*filmed(FINE, 60, seed=0), [FINE])
 
 
-def test_of_late_windows_the_surest_goes_on_first() -> None:
+def test_of_late_windows_one_whose_proposal_waits_goes_on_first() -> None:
     search, taken = PilotSearch([FINE]), []
-    for seen in (1.0, 9.0):
-        steps = (taken.append(evidence) or 1 for evidence in [seen] * 9)
-        search._windows.append(Mock(is_late=True, surest_seen=seen, steps=steps))
+    for waiting in ([], ["a proposal"]):
+        steps = (taken.append(each) or 1 for each in [waiting] * 9)
+        search._windows.append(Mock(is_late=True, waiting=waiting, steps=steps))
     search.push(np.zeros((8, 8), np.uint8), 0.0)
-    assert taken[0] == 9.0
+    assert taken[0]
 
 
 @pytest.mark.slow

@@ -112,7 +112,7 @@ export class PilotSearch {
     const until = begun + (isSpare ? (SPARE * 1000) / this.fps : this.frameMs);
     const early = this.#windows.filter(({ isLate }) => !isLate);
     const late = this.#windows.filter(({ isLate }) => isLate);
-    late.sort((one, other) => other.surestSeen - one.surestSeen);
+    late.sort((one, other) => Number(other.isWaiting) - Number(one.isWaiting));
     let left = this.#isLive ? Infinity : isSettling ? SETTLING_WORK : FRAME_WORK;
     for (const window of [...early, ...late]) {
       if (window.isLate) left /= 2;

@@ -27,12 +27,12 @@ export class WindowSearch {
   #isEager;
   #turns;
   /** Largest evidence of a quadrilateral so far, before it pays. */
-  surestSeen = 0;
+  #surestSeen = 0;
   /** Whether all edges have been glanced at, in all frames that are watched. */
   isLate = false;
   /** Whether a proposal is being settled. */
   isSettling = false;
-  /** Proposals whose settling needs frames that have yet to come. @type {Steps<Settled | null>[]} */
+  /** Proposals being settled that have waited for a frame, or wait. @type {Steps<Settled | null>[]} */
   #waiting = [];
 
   /**
@@ -52,14 +52,14 @@ export class WindowSearch {
     this.steps = this.#allSteps();
   }
 
-  /** Whether a proposal waits for frames that have yet to come. */
+  /** Whether a proposal that is being settled has waited for a frame, or waits for one. */
   get isWaiting() {
     return this.#waiting.length > 0;
   }
 
   /** Whether something toggles like a display, unless its picture moves, too. */
   get isDoubtful() {
-    return this.surestSeen > PROMISING && !this.watch.pictureMoves;
+    return this.#surestSeen > PROMISING && !this.watch.pictureMoves;
   }
 
   /**
@@ -73,7 +73,7 @@ export class WindowSearch {
     for (let isOver = false; !isOver || this.isWaiting; ) {
       if (this.watch.newest !== newest) {
         newest = this.watch.newest;
-        for (const settling of this.#waiting.splice(0)) {
+        for (const settling of [...this.#waiting]) {
           const found = yield* this.#goOn(settling);
           if (found !== null) return found;
         }
@@ -193,7 +193,7 @@ export class WindowSearch {
    * @param {number} evidence
    */
   *#settle(proposal, evidence) {
-    this.surestSeen = Math.max(this.surestSeen, evidence);
+    this.#surestSeen = Math.max(this.#surestSeen, evidence);
     return yield* this.#goOn(settleSteps(proposal, evidence, this.watch));
   }
 
@@ -208,9 +208,12 @@ export class WindowSearch {
       this.isSettling = true;
       const step = settling.next();
       this.isSettling = !step.done && step.value !== NEXT_FRAME;
-      if (step.done) return step.value;
+      if (step.done) {
+        this.#waiting = this.#waiting.filter((each) => each !== settling);
+        return step.value;
+      }
       if (!this.isSettling) {
-        this.#waiting.push(settling);
+        if (!this.#waiting.includes(settling)) this.#waiting.push(settling);
         return null;
       }
       yield step.value;
