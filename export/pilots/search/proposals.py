@@ -12,7 +12,7 @@ from export.locate.candidates import display_candidates, leaving_quads
 from export.pilots.motion import moved_corners
 from export.pilots.search.film import HeldFrame, positions
 from export.pilots.search.parts import COARSE_SIZE, coarse_shift, rough_series, shifted_togglings
-from export.pilots.search.watch import NEXT_FRAME, Watch
+from export.pilots.search.watch import Watch
 from export.pilots.signal import expected_changes, pilot_values, standing_out
 from export.pilots.toggling import TogglePattern, Wave, find_toggling
 from link.code.steps import Steps
@@ -114,7 +114,7 @@ class Proposer:
         """Propose quadrilaterals of edges, (4, 2) pixels of the reference, the strongest first."""
         reference = self._watch.reference
         within = [candidate.corners for candidate in display_candidates(reference, CANDIDATES)]
-        yield NEXT_FRAME  # they are not glanced at before
+        yield 2  # it took as long as two other steps
         return [*within, *leaving_quads(reference, LEAVING)]
 
     def faint_edges(self) -> Iterator[list[Array]]:
