@@ -31,11 +31,6 @@ class Collector(Protocol):
         ...
 
     @property
-    def attempts(self) -> int:
-        """Number of times that decoding was tried."""
-        ...
-
-    @property
     def decoding(self) -> bool:
         """Whether decoding is under way, which `go_on` goes on with."""
         ...

@@ -24,14 +24,7 @@ from link.code.fine import (
     mark_of,
     read_terms,
 )
-from link.code.framing import (
-    FINE_BITS,
-    capacity,
-    encode,
-    frames_needed,
-    is_fine,
-    longest_message,
-)
+from link.code.framing import FINE_BITS, capacity, encode, frames_needed, is_fine, longest_message
 from link.code.likely_terms import likely_terms
 from link.code.rateless import MAX_INFORMATION, MIN_INFORMATION, make_rateless
 from link.code.words import NUMBERS, WORD, all_words, weigh_words

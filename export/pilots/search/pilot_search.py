@@ -39,8 +39,6 @@ class PilotDisplay:
     """Layout that it shows, one of those that were looked for."""
     corners: Corners
     """Pixels of the newest frame, from the top left of the displayed picture on."""
-    evidence: float
-    """Natural logarithm of the odds against chance, after paying for everything that was tried."""
     first_corners: Corners
     """Pixels of the frame with which the search began."""
     k: float
@@ -144,7 +142,6 @@ class PilotSearch:
         return PilotDisplay(
             layout=proposal.layout,
             corners=newest.corners(proposal.corners),
-            evidence=settled.evidence,
             first_corners=proposal.corners,
             k=settled.k,
             clock=proposal.toggling.clock_in_seconds(self._fps, watch.first.time),

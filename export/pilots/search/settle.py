@@ -50,8 +50,6 @@ class Settled:
 
     proposal: Proposal
     """Where it is in the reference frame, and what it shows."""
-    evidence: float
-    """Natural logarithm of the odds against chance, after paying for everything that was tried."""
     k: float
     """Coefficient of the lens (`link.geometry.Lens`); 0 where nothing speaks for another."""
 
@@ -127,7 +125,7 @@ def settle(
     while not toggling.clear and len(watch.later) < watch.confirming:
         yield NEXT_FRAME  # each frame that comes tells more of the clock
         _, toggling = weigh(best, [*watch.frames, *watch.later], watch.fps, known)
-    return Settled(replace(best, toggling=toggling), evidence, k)
+    return Settled(replace(best, toggling=toggling), k)
 
 
 def _by_parts(proposal: Proposal, frames: Sequence[HeldFrame]) -> Steps[Array]:

@@ -9,15 +9,7 @@ import pytest
 
 from lab.films import browser, page
 from lab.films.browser import open_chromium, serve_folder
-from lab.films.page import (
-    FilmRead,
-    PageFlags,
-    PageTake,
-    Read,
-    page_table,
-    read_films,
-    stages_table,
-)
+from lab.films.page import FilmRead, PageFlags, PageTake, Read, page_table, read_films, stages_table
 from lab.films.y4m import read_y4m, write_y4m
 from lab.study import Workshop
 from link.code.framing import encode

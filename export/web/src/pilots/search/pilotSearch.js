@@ -47,7 +47,6 @@ const SPARE = 0.8;
  * @typedef {{
  *   layout: Layout,
  *   corners: Point[],
- *   evidence: number,
  *   firstCorners: Point[],
  *   k: number,
  *   clock: DisplayClock | null,
@@ -180,11 +179,11 @@ export class PilotSearch {
     this.#failed = 0;
     this.#windows = [];
     this.pictureMoves = watch.pictureMoves;
-    const { proposal, evidence, k } = settled;
+    const { proposal, k } = settled;
     const { layout, corners, toggling } = proposal;
     const newest = watch.newest.corners(corners);
     const clock = toggling.clockInSeconds(this.fps, watch.start);
     const held = watch.held.slice(0, -1);
-    return { layout, corners: newest, evidence, firstCorners: corners, k, clock, held };
+    return { layout, corners: newest, firstCorners: corners, k, clock, held };
   }
 }

@@ -28,7 +28,7 @@ const MOVE_WORK = 6;
  * against chance, after paying for everything that was tried; and the coefficient of the lens, 0
  * where nothing speaks for another.
  *
- * @typedef {{ proposal: Proposal, evidence: number, k: number }} Settled
+ * @typedef {{ proposal: Proposal, k: number }} Settled
  */
 
 /**
@@ -97,7 +97,7 @@ export function* settleSteps(proposal, first, watch) {
     yield NEXT_FRAME; // each frame that comes tells more of the clock
     weighed = yield* weighSteps(best, watch.all, watch.fps, known);
   }
-  return { proposal: { ...best, toggling: weighed.toggling }, evidence, k };
+  return { proposal: { ...best, toggling: weighed.toggling }, k };
 }
 
 /**
