@@ -38,8 +38,7 @@ const SPARE = 0.8;
 
 /**
  * A display that its pilots have given away: the layout that it shows, one of those that were
- * looked for; its corners in the newest frame, from the top left of the displayed picture on; the
- * natural logarithm of the odds against chance, after paying for everything that was tried; its
+ * looked for; its corners in the newest frame, from the top left of the displayed picture on; its
  * corners in the frame with which the search began; the coefficient of the lens; when it shows which
  * state, where its code tells; and the frames before the newest one, from the oldest on, of those
  * that are kept.

@@ -24,8 +24,7 @@ const MEASURE_WORK = 4;
 const MOVE_WORK = 6;
 
 /**
- * A display that is sure: where it is in the reference frame; the natural logarithm of the odds
- * against chance, after paying for everything that was tried; and the coefficient of the lens, 0
+ * A display that is sure: where it is in the reference frame, and the coefficient of the lens, 0
  * where nothing speaks for another.
  *
  * @typedef {{ proposal: Proposal, k: number }} Settled
