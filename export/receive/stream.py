@@ -1,7 +1,5 @@
 """From camera frames to events: what `export.receive` prints, and what the package returns."""
 
-import ctypes
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -18,9 +16,6 @@ from export.receive.receiver import Receiver, ReceiverStep
 from link.code.authenticate import Verifier
 from link.presets import preset_name
 
-GIVEN_BACK_S = 60.0
-"""Time, in seconds of film, after which free memory is given back to the system. Linux's usual C
-library keeps the gaps that arrays of many sizes leave, and more of them from message to message."""
 MAX_PRINTED_BITS = 256
 """Largest number of bits of a frame pair that its event holds where no scores are asked for."""
 
@@ -55,9 +50,7 @@ class EventStream:
         """What the last frame brought."""
         self._scores = scores
         self._in_view = self._clocked = False
-        self._time = self._given_back = 0.0
-        library = ctypes.CDLL(None) if sys.platform == "linux" else None
-        self._give_back = getattr(library, "malloc_trim", None)
+        self._time = 0.0
 
     def push(self, image: NDArray[np.generic], time: float, name: str) -> list[FilmEvent]:
         """Take the next camera frame.
@@ -73,9 +66,6 @@ class EventStream:
         receiver = self.receiver
         self.step = receiver.push(image, time)
         self._time = time
-        if self._give_back is not None and time > self._given_back + GIVEN_BACK_S:
-            self._given_back = time
-            self._give_back(0)  # the number of bytes that are kept
         tracked = self.step.tracked
         events: list[FilmEvent] = []
         elsewhere = self._in_view and tracked is not None and tracked.anew

@@ -16,7 +16,7 @@ from export.pilots.clock import DisplayClock
 from export.pilots.search.film import HeldFrame
 from export.pilots.search.settle import Settled
 from export.pilots.search.watch import NEXT_FRAME, Watch
-from export.pilots.search.window_search import ANY_TURN, WindowSearch
+from export.pilots.search.window_search import ANY_TURN, Search, WindowSearch
 from link.errors import InputError
 from link.images import as_gray
 from link.layout import Layout
@@ -70,7 +70,8 @@ class PilotSearch:
         """Whether the picture moves of the display that was found; before one is, whether pictures
         move in the next window."""
         self._failed = 0
-        self._windows: list[WindowSearch] = []
+        # steps hold their window, which knows nothing of them: it is freed where it is dropped
+        self._windows: dict[WindowSearch, Search] = {}
 
     def push(self, image: Image, time: float) -> PilotDisplay | None:
         """Take the next frame.
@@ -94,7 +95,7 @@ class PilotSearch:
                 left = ceil(left / 2)
             while left > 0:
                 try:
-                    work = next(window.steps)
+                    work = next(self._windows[window])
                 except StopIteration as end:
                     return self._ended(end.value, window)
                 if work == NEXT_FRAME:
@@ -121,14 +122,15 @@ class PilotSearch:
             longer=2 if number and self._coded else 1,
         )
         turns = (ANY_TURN[(number - 1) % 2],) if number else ANY_TURN
-        self._windows.append(WindowSearch(watch, self.layouts, turns))
+        window = WindowSearch(watch, self.layouts, turns)
+        self._windows[window] = window.steps()
         self.picture_moves = False
 
     def _give_up(self, window: WindowSearch) -> None:
         """Drop a window. Where something toggled in it like a display, the next picture moves."""
-        self._windows = [each for each in self._windows if each is not window]
+        self._windows = {each: to for each, to in self._windows.items() if each is not window}
         if window.is_doubtful and not any(o.watch.picture_moves for o in self._windows):
-            self._windows, self.picture_moves = [], True
+            self._windows, self.picture_moves = {}, True
 
     def _ended(self, settled: Settled | None, window: WindowSearch) -> PilotDisplay | None:
         """Say what was found in a window, and choose how the next one begins."""
@@ -137,7 +139,7 @@ class PilotSearch:
             self._failed += 1
             self._give_up(window)
             return None
-        self._failed, self._windows, self.picture_moves = 0, [], watch.picture_moves
+        self._failed, self._windows, self.picture_moves = 0, {}, watch.picture_moves
         proposal, (*held, newest) = settled.proposal, watch.held
         return PilotDisplay(
             layout=proposal.layout,

@@ -54,16 +54,17 @@ class WindowSearch:
         """Whether all edges have been glanced at, in all frames that are watched."""
         self.waiting: list[Search] = []
         """Proposals being settled that have waited for a frame, or wait for one."""
-        self.steps = self._all_steps()
-        """Steps of the search, each with the frames that have come so far."""
 
     @property
     def is_doubtful(self) -> bool:
         """Whether something toggles like a display, unless its picture moves, too."""
         return self.surest_seen > PROMISING and not self.watch.picture_moves
 
-    def _all_steps(self) -> Search:
-        """Search, and go on first with what waited for a frame once the frame has come."""
+    def steps(self) -> Search:
+        """Search, each step with the frames that have come so far.
+
+        What waited for a frame goes on first once the frame has come.
+        """
         search, newest, is_over = self._search(), self.watch.first, False
         last: Settled | None = None
         while last is None and (self.waiting or not is_over):

@@ -1,6 +1,8 @@
 """A display without patches is found by its pilots, and nothing else is."""
 
+import gc
 from unittest.mock import Mock
+from weakref import ref
 
 import cv2
 import numpy as np
@@ -79,7 +81,7 @@ def test_a_search_goes_on_while_the_hand_moves_the_frame_a_little() -> None:
     for number, image in enumerate(images):
         grow = cv2.getRotationMatrix2D((320, 240), 0.1 * number, 1 + 0.002 * number)
         finder.push(cv2.warpAffine(image, grow, (640, 480)), number / 60)
-    assert finder._windows[0].watch.first.time == 0.0
+    assert [window.watch.first.time for window in finder._windows] == [0.0]
 
 
 @pytest.mark.slow
@@ -131,11 +133,24 @@ def test_a_proposal_that_waits_for_frames_holds_up_no_other(monkeypatch) -> None
     find(*filmed(FINE, 60, seed=0), [FINE])
 
 
+def test_a_window_that_is_given_up_is_freed_at_once() -> None:
+    """Its frames do not wait until Python looks for what holds itself."""
+    images, _ = filmed(FINE, 3, seed=0)
+    search = PilotSearch([FINE])
+    for number, image in enumerate(images):
+        search.push(image, number / 60)
+    window = ref(next(iter(search._windows)))
+    gc.disable()
+    search.push(np.zeros_like(images[0]), 1.0)
+    gc.enable()
+    assert window() is None
+
+
 def test_of_late_windows_one_whose_proposal_waits_goes_on_first() -> None:
     search, taken = PilotSearch([FINE]), []
     for waiting in ([], ["a proposal"]):
         steps = (taken.append(each) or 1 for each in [waiting] * 9)
-        search._windows.append(Mock(is_late=True, waiting=waiting, steps=steps))
+        search._windows[Mock(is_late=True, waiting=waiting)] = steps
     search.push(np.zeros((8, 8), np.uint8), 0.0)
     assert taken[0]
 

@@ -17,7 +17,6 @@ from export.receive.reading import reader
 from export.receive.reading.reader import PAIRS_A_FRAME
 from export.receive.receiver import Receiver, as_uint8
 from export.receive.sources import open_source
-from export.receive.stream import EventStream
 from export.receive.timing.synchronise import MAX_SAMPLES, Synchroniser
 from export.receive.timing.toggles import PatchToggles
 from export.runtime import Decoder
@@ -236,14 +235,6 @@ def test_memory_is_bounded(decoder: Decoder, monkeypatch: pytest.MonkeyPatch) ->
         assert receiver.push(image, number / 30).message is None
     assert len(receiver._reader._buffer) == 40
     assert receiver.decoded == 0
-
-
-def test_free_memory_is_given_back_once_a_minute(decoder: Decoder) -> None:
-    stream, given = EventStream([decoder], 30.0), []
-    stream._give_back = given.append
-    for time in (0.0, 59.0, 61.0, 62.0, 122.0):
-        stream.push(np.full((48, 64), 90, np.uint8), time, "")
-    assert given == [0, 0]
 
 
 @cases(np.zeros((8, 8)), np.zeros((64, 64, 4), np.uint8), np.zeros((64, 64)))
