@@ -49,9 +49,10 @@ def over_deviation(views: Real) -> NDArray[np.float32]:
 
 
 def mean_and_deviation(views: Real | Gray) -> tuple[Map, Map]:
-    """Find the mean over time, along axis 0, and the usual deviation, view after view.
+    """Find the mean over time, along axis 0, and the usual deviation plus `LEAST_DEVIATION`.
 
-    Memory for the deviations of all views at once would take longer to get than to fill.
+    It goes from view to view: memory for the deviations of all would take longer to get than to
+    fill.
     """
     mean = views.mean(axis=0, dtype=np.float32)
     squares = np.zeros_like(mean)

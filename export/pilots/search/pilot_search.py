@@ -84,7 +84,7 @@ class PilotSearch:
             the display once it is sure, else None.
         """
         gray = as_gray(image)
-        for window in self._windows:
+        for window in tuple(self._windows):
             if not window.watch.take(gray, time):
                 self._give_up(window)
         if len(self._windows) < WINDOWS and all(w.is_late for w in self._windows):
@@ -128,7 +128,7 @@ class PilotSearch:
 
     def _give_up(self, window: WindowSearch) -> None:
         """Drop a window. Where something toggled in it like a display, the next picture moves."""
-        self._windows = {each: to for each, to in self._windows.items() if each is not window}
+        self._windows.pop(window, None)
         if window.is_doubtful and not any(o.watch.picture_moves for o in self._windows):
             self._windows, self.picture_moves = {}, True
 
