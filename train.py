@@ -23,10 +23,10 @@ from link.errors import InputError, ParameterError, at_least
 from link.files.lock import locked
 from link.images import write_bytes
 from link.layout import Layout
-from models.neural.checkpoint import resume_state, save_checkpoint, save_state, training_settings
-from models.neural.config import FULL, DecoderConfig
-from models.neural.decoder import PhiDecoder
-from models.neural.training import (
+from models.phi.checkpoint import resume_state, save_checkpoint, save_state, training_settings
+from models.phi.config import FULL, DecoderConfig
+from models.phi.decoder import PhiDecoder
+from models.phi.training import (
     BATCH_BLOCKS,
     LAYOUTS,
     LayoutKind,
@@ -88,7 +88,7 @@ STATE = "state.pt"
 UNDECISIVE = ("jobs", "device")
 """Settings in which two runs of one folder may differ, because they decide no result, but for the
 rounding of another processor."""
-TRAINED_BY = ("data_gen.episodes", "models.neural.training")
+TRAINED_BY = ("data_gen.episodes", "models.phi.training")
 """Modules that decide, with all that they import, what a step of training computes."""
 LOOP_VERSION = 2
 """Raise it when `train` changes what it computes, so that an older state.pt is not continued."""

@@ -16,16 +16,16 @@ from numpy.typing import NDArray
 from sklearn.svm import SVC, LinearSVC
 from tqdm import trange
 
-from export.markdown import markdown_table
 from export.parity import synthetic_pair
 from export.runtime import Decoder
 from link.cli import read_flags, run_cli
 from link.errors import at_least
 from link.frames import Rectified
 from link.images import as_batch, intensity
+from link.markdown import markdown_table
 from models import find_graph
-from models.classical.common import require_ratex
-from models.classical.oorc import OORC, explicit_map
+from models.paper.common import require_ratex
+from models.paper.oorc import OORC, explicit_map
 
 REFERENCE = "two warpPerspective"
 """Name of what all times are divided by."""

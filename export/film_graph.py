@@ -1,4 +1,4 @@
-"""Decode windows of film frames with numpy and onnxruntime: the graph of `models.neural.film`."""
+"""Decode windows of film frames with numpy and onnxruntime: the graph of `models.film.decoder`."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,7 +35,7 @@ class FilmWindow:
     times: Array
     """(T,) float64 seconds."""
     clock: Array
-    """(5,) float64 fields of `export.pilots.clock.DisplayClock`, seconds."""
+    """(5,) float64 fields of `link.clock.DisplayClock`, seconds."""
     first: int
     """Number of the first frame pair of which a frame shows a part."""
     count: int

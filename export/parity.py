@@ -15,18 +15,18 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from export.film_graph import SHRINK, FilmGraph, FilmWindow
-from export.pilots.clock import DisplayClock
-from export.pilots.signal import expected_changes
 from export.runtime import Decoder
 from link.cli import read_flags, run_cli
+from link.clock import DisplayClock
 from link.embed import block_changes, embed
 from link.errors import InputError, at_least
 from link.frames import Rectified
 from link.layout import MAX_PIXELS, MAX_SIDE_PX, MIN_BLOCK_PX, Layout, make_layout
-from models.neural.checkpoint import load_checkpoint
-from models.neural.decoder import PhiDecoder
-from models.neural.film import FilmDecoder
-from models.neural.methods import decode_with
+from link.pilots import expected_changes
+from models.film.decoder import FilmDecoder
+from models.phi.checkpoint import load_checkpoint
+from models.phi.decoder import PhiDecoder
+from models.phi.methods import decode_with
 
 TOLERANCE = 1e-3
 """Largest difference of a score, a log-likelihood ratio, between torch and onnxruntime."""

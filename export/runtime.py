@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike, NDArray
 from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
 
 from export.onnx_file import check_onnx_file
-from export.pilots.signal import pilots_toggled
 from export.watchdog import Watchdog
 from link.cli import add_pixel_limit, read_flags, run_cli
 from link.errors import InputError, ParameterError
@@ -26,6 +25,7 @@ from link.geometry import as_corners
 from link.images import as_batch, read_image
 from link.layout import MIN_BLOCK_PX, Layout
 from link.outside import is_file, parse_json, read_bounded
+from link.pilots import pilots_toggled
 from link.ratex import patch_correlation
 from link.types import Corners, Image
 from models import find_graph
@@ -63,7 +63,7 @@ DECODED_CORRELATION = 0.8
 """Smallest `link.ratex.patch_correlation` of frames that the command decodes; simulated captures up
 to 70 degrees have 0.97 and more."""
 LEAST_TOGGLED = 2.5
-"""Smallest `export.pilots.signal.pilots_toggled` of frames that the command decodes. Of
+"""Smallest `link.pilots.pilots_toggled` of frames that the command decodes. Of
 216 simulated pairs up to 60 degrees, those below had a fifth of their bits wrong or more; of as
 many that were turned round, so that no pilot is where it should be, some 3 % are above."""
 FORMAT = "1"

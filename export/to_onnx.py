@@ -26,9 +26,9 @@ from link.layout import MAX_SIDE_PX, MIN_BLOCK_PX, make_layout, read_layout
 from link.outside import is_no_file
 from link.presets import PRESETS
 from models import PRETRAINED, PRETRAINED_PILOTS, shipped_checkpoint
-from models.neural.checkpoint import load_checkpoint, read_config
-from models.neural.decoder import PhiDecoder
-from models.neural.film import FilmDecoder
+from models.film.decoder import FilmDecoder
+from models.phi.checkpoint import load_checkpoint, read_config
+from models.phi.decoder import PhiDecoder
 
 INVERSE = onnx.defs.OpSchema(
     "Inverse",

@@ -25,7 +25,7 @@ from link.errors import InputError, at_least, choose
 from link.images import write_image
 from link.layout import make_layout
 from models import DECODERS, PRETRAINED, make_decoder
-from models.neural.config import FULL
+from models.phi.config import FULL
 from reports.engine.backends import Backend
 from reports.engine.methods import Method, methods_for
 from reports.engine.predict import Condition, paper_cells, predict_all

@@ -1,6 +1,6 @@
 """Make a set of captures of photographs: python -m lab.recorded PHOTOS --sent DIR.
 
-The display showed, one after another, the states that `python -m export.send --out DIR` wrote. What
+The display showed, one after another, the states that `python -m sender --out DIR` wrote. What
 was sent in each frame pair is read from these states, and where the display is from the
 photographs. docs/recording.md tells how to take them.
 """
@@ -16,8 +16,6 @@ import tyro
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from export.locate.find import locate
-from export.send.write import SENT
 from link.captures import MANIFEST
 from link.cli import read_flags, run_cli
 from link.embed import check_kappa
@@ -26,6 +24,8 @@ from link.geometry import in_image
 from link.images import image_files, intensity, read_image, write_bytes
 from link.layout import Layout, block_mean
 from link.outside import read_json
+from receiver.locate.find import locate
+from sender.write import SENT
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class RecordedConfig:
     photos: tyro.conf.Positional[Path]
     """Folder of the photographs; by name they follow the states. The manifest is written there."""
     sent: Path
-    """Folder that `python -m export.send` wrote: state_00000.png, ..., and sent.json."""
+    """Folder that `python -m sender` wrote: state_00000.png, ..., and sent.json."""
     pair: str = "own"
     """Name of camera and display, by which tables group."""
     view: Annotated[float | None, tyro.conf.arg(name="view")] = None
@@ -97,7 +97,7 @@ def read_sent(folder: Path) -> tuple[Layout, int]:
         return Layout.from_dict(report.get("layout")), check_kappa(report["kappa"])
     except InputError as error:
         raise InputError(
-            f"--sent: {file} is missing or damaged ({error}); python -m export.send PICTURE "
+            f"--sent: {file} is missing or damaged ({error}); python -m sender PICTURE "
             f"--message TEXT --out {folder} writes it"
         ) from None
 

@@ -2,8 +2,8 @@
 
 Receivers film messages on training pictures. They hand windows of frames to the decoder with the
 constants that are written in the code, and the windows are kept with the bits that were shown.
-Training then moves the constants that all films share (`models.neural.film`), through the solves of
-each window, towards fewer wrong bits.
+Training then moves the constants that all films share (`models.film.decoder`), through the solves
+of each window, towards fewer wrong bits.
 """
 
 import json
@@ -22,7 +22,6 @@ from data_gen.film.codec import through_codec
 from data_gen.pairs import GROUPS, PAIRS
 from export.film_graph import FilmWindow
 from export.parity import film_tensors
-from export.receive.receiver import Receiver
 from export.runtime import OWN_TIME_LIMIT_S, Decoder
 from export.to_onnx import export_film
 from lab.films.rates import SETTINGS
@@ -36,9 +35,10 @@ from link.layout import Layout
 from link.outside import is_file, is_no_file
 from link.types import Array
 from models import FILM_GRAPH
-from models.neural.checkpoint import save_checkpoint, training_settings
-from models.neural.film import FilmDecoder
-from models.neural.training import check_rate
+from models.film.decoder import FilmDecoder
+from models.phi.checkpoint import save_checkpoint, training_settings
+from models.phi.training import check_rate
+from receiver.receiver import Receiver
 from reports.engine.backends import Backend, one_thread
 
 TRAINED = (

@@ -6,19 +6,19 @@ from pathlib import Path
 
 import numpy as np
 
-from export.visibility.flicker import (
-    Visibility,
-    contrast_over_threshold,
-    random_message,
-)
-from export.visibility.line_code import shown_amplitudes
-from export.visibility.viewing import PICTURE_LEVELS, Viewing, Where
 from lab.study import Study, StudyFlags, Tables, Workshop, blocks_of_tables
 from link.embed import MAX_KAPPA
 from link.errors import ParameterError
 from link.layout import make_layout
 from link.presets import PRESETS, Preset
 from reports.render.tables import Table
+from sender.visibility.flicker import (
+    Visibility,
+    contrast_over_threshold,
+    random_message,
+)
+from sender.visibility.line_code import shown_amplitudes
+from sender.visibility.viewing import PICTURE_LEVELS, Viewing, Where
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ def setting(
 
     Args:
         grid: number of rows and of columns.
-        line_code: key of `export.visibility.line_code.LINE_CODES`.
+        line_code: key of `sender.visibility.line_code.LINE_CODES`.
         kappa: gray levels between the states of a toggle.
         state_hz: states a second.
         colour: key of `link.layout.COLOURS`.

@@ -338,7 +338,7 @@ def make_layout(
 def read_layout(file: Path) -> Layout:
     """Read a layout from a JSON file, as `Layout.to_dict` describes it, or under its key "layout".
 
-    So a `sent.json` of `export.send` is a layout, too.
+    So a `sent.json` of `sender` is a layout, too.
 
     Raises:
         InputError: the file cannot be read, or holds no layout.

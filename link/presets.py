@@ -61,7 +61,7 @@ class Preset:
     state_hz: float
     """Number of states, which are original or embedded frames, that are shown in a second."""
     line_code: str
-    """How a block shows a row of bits over time; a key of `export.visibility.line_code.LINE_CODES`.
+    """How a block shows a row of bits over time; a key of `sender.visibility.line_code.LINE_CODES`.
     The sender shows the code of the layout's modulation."""
     purpose: str = ""
     """One sentence that says what the preset is good for: in a few words, a colon, and in more."""

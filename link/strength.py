@@ -9,7 +9,7 @@ alone. A receiver is told nothing of it; it sees the picture.
 Two parts make the factor:
 
 - **Gray level**, by elaTCSF: `EVEN` at the block's mean light. It holds for 60 states a second on
-  a display of 200 cd/m² (`export.visibility`, by which tests hold it).
+  a display of 200 cd/m² (`sender.visibility`, by which tests hold it).
 - **Texture**, by the masking of ColorVideoVDP (Mantiuk et al., SIGGRAPH 2024, equation of mutual
   masking with cross-channel weights; its parameters of version 0.5.4): of the channels of still
   brightness and of flicker, the still one raises the threshold of flicker by

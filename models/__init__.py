@@ -14,13 +14,13 @@ from link.frames import Rectified, SoftBits
 from link.layout import Layout
 from link.presets import PRESETS
 
-PRETRAINED = Path(__file__).parent / "neural" / "pretrained"
+PRETRAINED = Path(__file__).parent / "pretrained" / "ratex"
 """Folder of the shipped checkpoint of ``learned`` for layouts with ratex patches; it was trained on
 all nine camera-display pairs."""
-PRETRAINED_PILOTS = PRETRAINED.with_name("pretrained_pilots")
+PRETRAINED_PILOTS = PRETRAINED.with_name("pilots")
 """Folder of the shipped checkpoint of ``learned`` for layouts with pilots, of any grid."""
-FILM_GRAPH = PRETRAINED.with_name("pretrained_film") / "film.onnx"
-"""The shipped film decoder (`models.neural.film`), which serves all layouts that it can read."""
+FILM_GRAPH = PRETRAINED.with_name("film") / "film.onnx"
+"""The shipped film decoder (`models.film.decoder`), which serves all layouts that it can read."""
 
 
 def shipped_checkpoint(layout: Layout) -> Path:
@@ -55,24 +55,20 @@ class Card:
 
 
 DECODERS = {
-    "naive": Card("models.classical.naive:Naive", "#8a8f98", "o", inverse_response="straight"),
-    "two_step": Card(
-        "models.classical.two_step:TwoStep", "#3a9fd6", "s", inverse_response="fitted"
-    ),
-    "oorc": Card("models.classical.oorc:OORC", "#1166b0", "D", inverse_response="phi"),
+    "naive": Card("models.paper.naive:Naive", "#8a8f98", "o", inverse_response="straight"),
+    "two_step": Card("models.paper.two_step:TwoStep", "#3a9fd6", "s", inverse_response="fitted"),
+    "oorc": Card("models.paper.oorc:OORC", "#1166b0", "D", inverse_response="phi"),
     "hidden_ratex": Card(
-        "models.classical.hidden_ratex:HiddenRatex",
+        "models.paper.hidden_ratex:HiddenRatex",
         "#b8589a",
         "^",
         equalised=True,
         inverse_response="histogram",
     ),
-    "blind": Card("models.classical.blind:Blind", "#0a9468", "v", equalised=True, llr=True),
-    "phi": Card(
-        "models.neural.methods:Phi", "#7b61c9", "o", inverse_response="phi", twin_of="oorc"
-    ),
+    "blind": Card("models.blind.blind:Blind", "#0a9468", "v", equalised=True, llr=True),
+    "phi": Card("models.phi.methods:Phi", "#7b61c9", "o", inverse_response="phi", twin_of="oorc"),
     "learned": Card(
-        "models.neural.methods:Learned",
+        "models.phi.methods:Learned",
         "#d4520a",
         "s",
         llr=True,
@@ -92,7 +88,7 @@ def find_card(name: str) -> Card:
     Raises:
         InputError: the name is unknown, or nothing can be imported there.
 
-    >>> find_card("models.classical.naive:Naive").llr
+    >>> find_card("models.paper.naive:Naive").llr
     False
     """
     if ":" not in name:

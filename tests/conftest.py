@@ -295,9 +295,9 @@ def refuses(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 @pytest.fixture(scope="session")
 def node() -> None:
     """What needs Node.js and the page's packages; tests that do are skipped where there is none."""
-    if shutil.which("node") is None or not (ROOT / "export" / "web" / "node_modules").is_dir():
-        lacking("node", "needs Node.js, and `npm ci` in export/web")
-    from export.web.constants import write_constants
+    if shutil.which("node") is None or not (ROOT / "web" / "node_modules").is_dir():
+        lacking("node", "needs Node.js, and `npm ci` in web")
+    from web.host.constants import write_constants
 
     write_constants()
 
@@ -321,7 +321,7 @@ def port(node_process: "Port") -> "Iterator[Port]":
 @pytest.fixture(scope="session")
 def site(node: None, make_once: MakeOnce) -> Path:
     """Folder of the page, built once a session."""
-    from export.web.site import build_site
+    from web.host.site import build_site
 
     return make_once("site", lambda empty: build_site(empty / "web")) / "web"
 

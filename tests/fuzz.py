@@ -55,10 +55,10 @@ LAYOUT = make_layout()
 MODEL = PRETRAINED / "decoder.onnx"
 TEXT = "right"
 """The message of all sound films."""
-RECEIVE = "export.receive.__main__"
+RECEIVE = "receiver.__main__"
 COMMANDS = (
-    "evaluate", "train", "data_gen.__main__", "data_gen.video", "export.send.__main__",
-    RECEIVE, "export.locate.__main__", "export.runtime", "export.parity",
+    "evaluate", "train", "data_gen.__main__", "data_gen.video", "sender.__main__",
+    RECEIVE, "receiver.locate.__main__", "export.runtime", "export.parity",
     "export.to_onnx",
 )  # fmt: skip
 NASTY: list[Any] = [
@@ -81,15 +81,15 @@ SOUND = (
     "data_gen.video --message hi --seconds 0.1 --size 160 120 --fps 30 --state-hz 15 --hand 1 "
     "--start-s 0 --shown 1 --first 0 --coverage 0.4 --drop 0 --turn 0 --seed 0 --jumps-hz 0 "
     "--free 0 --out {out}",
-    "export.send.__main__ {good}/a.png --message hi --kappa 3 --hold 4 --refresh 60 --rows 8 "
+    "sender.__main__ {good}/a.png --message hi --kappa 3 --hold 4 --refresh 60 --rows 8 "
     "--cols 8 --width 512 --height 384 --ratex 5 --scale 0 --pyramid-level 0 --out {out}",
-    "export.receive.__main__ {good}/a.png {good}/b.png --threads 2 --fps 30 --out {out}",
-    "export.receive.__main__ {good}/film.avi --threads 2 --fps 30 --show {out}",
-    "export.locate.__main__ {good}/a.png --show {out} --max-megapixels 5",
+    "receiver.__main__ {good}/a.png {good}/b.png --threads 2 --fps 30 --out {out}",
+    "receiver.__main__ {good}/film.avi --threads 2 --fps 30 --show {out}",
+    "receiver.locate.__main__ {good}/a.png --show {out} --max-megapixels 5",
     "export.runtime {model} {good}/a.png {good}/b.png --corners 60,40 570,40 570,420 60,420",
-    "export.send.__main__ {good}/a.png --message hi --modulation antipodal --pilots auto --ratex 0 "
+    "sender.__main__ {good}/a.png --message hi --modulation antipodal --pilots auto --ratex 0 "
     "--rows 8 --cols 8 --key {good}/key --counter 7 --out {out}",
-    "export.receive.__main__ {good}/a.png {good}/b.png --key {good}/key --max-age 60 --threads 2",
+    "receiver.__main__ {good}/a.png {good}/b.png --key {good}/key --max-age 60 --threads 2",
     "data_gen.__main__ --frames 1 --rows 12 --cols 12 --modulation antipodal --pilots 0.1 "
     "--out {out}",
     "train --pair canon-lg --seed 0 --batch 0 --lr 0.1 --kappas 3 --jobs 1 --out {out}",
@@ -340,8 +340,8 @@ class Inputs:
             file.write_bytes(mutated_bytes(data, self.rng))
         if self.rng.random() < 0.3:
             flags = [str(file), "--message", "hi", "--out", str(folder / "out")]
-            return Case("image", "export.send.__main__", flags)
-        return Case("image", "export.locate.__main__", [str(file), "--model", str(MODEL)])
+            return Case("image", "sender.__main__", flags)
+        return Case("image", "receiver.locate.__main__", [str(file), "--model", str(MODEL)])
 
     def video(self, folder: Path) -> Case:
         data = (self.good / "film.avi").read_bytes()
@@ -357,7 +357,7 @@ class Inputs:
         film.write_bytes(data)
         if self.rng.random() < 0.1:
             flags = [str(film), "--message", "hi", "--preset", "paper", "--out", "\udcff.mkv"]
-            return Case("video", "export.send.__main__", flags)
+            return Case("video", "sender.__main__", flags)
         return Case("video", RECEIVE, [str(film)])
 
     def layout(self, folder: Path) -> Case:
@@ -365,9 +365,9 @@ class Inputs:
         (folder / "layout.json").write_bytes(mutated_text(text, self.rng))
         flags = ["--layout", str(folder / "layout.json")]
         if self.rng.random() < 0.5:
-            return Case("layout", "export.locate.__main__", [str(self.good / "a.png"), *flags])
+            return Case("layout", "receiver.locate.__main__", [str(self.good / "a.png"), *flags])
         flags += [str(self.good / "a.png"), "--message", "hi", "--out", str(folder / "out")]
-        return Case("layout", "export.send.__main__", flags)
+        return Case("layout", "sender.__main__", flags)
 
     def key(self, folder: Path) -> Case:
         """A key of any length and content, or what is none, and numbers that go with it."""
@@ -379,7 +379,7 @@ class Inputs:
             word = self.rng.choice(("1", "7", str(2**32 - 1), str(2**32)))
         if self.rng.random() < 0.5:
             flags = [str(self.good / "a.png"), "--message", "hi", "--key", name]
-            return Case("key", "export.send.__main__", [*flags, "--counter", word, "--out", "x"])
+            return Case("key", "sender.__main__", [*flags, "--counter", word, "--out", "x"])
         flags = [str(self.good / "film.avi"), "--key", name, "--max-age", word]
         return Case("key", RECEIVE, flags)
 

@@ -51,9 +51,9 @@ COMMANDS = {
     "data_gen": ("data_gen.__main__", f"--frames 6 {GRID}"),
     "film_folder": ("data_gen.video", FILM),
     "film_mkv": ("data_gen.video", FILM),
-    "send_player": ("export.send.__main__", SEND),
-    "send_mkv": ("export.send.__main__", SEND),
-    "send_folder": ("export.send.__main__", SEND),
+    "send_player": ("sender.__main__", SEND),
+    "send_mkv": ("sender.__main__", SEND),
+    "send_folder": ("sender.__main__", SEND),
 }
 """Module and flags of each command by a name whose end says the ending of its output."""
 ENDINGS = {"player": ".html", "mkv": ".mkv"}

@@ -4,14 +4,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from export.pilots.search.all_blocks import block_maps
-from export.pilots.signal import pilot_signs
 from link.code.framing import encode
 from link.frames import SoftBits
 from link.geometry import Lens, frame_corners, homography_from_corners, transform
 from link.layout import Layout, block_mean, make_layout
+from link.pilots import pilot_signs
 from link.presets import PRESETS
 from link.types import Array, Floats, Image
+from receiver.pilots.search.all_blocks import block_maps
 
 FINE = make_layout(24, 32, modulation="antipodal", pilots="auto")
 OTHER = make_layout(16, 16, modulation="antipodal", pilots="auto")

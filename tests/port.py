@@ -24,9 +24,9 @@ from typing import Any
 
 import numpy as np
 
-from export.web.site import WEB
-from export.web.tables import layout_table
 from link.layout import Layout
+from web.host.site import WEB
+from web.host.tables import layout_table
 
 SENT_AS = {"bool": "uint8", "int64": "int32"}
 """Types of arrays that are sent as another."""
@@ -39,13 +39,13 @@ class PortError(Exception):
 
 
 class Port:
-    """A process of Node.js that calls the modules of export/web/src."""
+    """A process of Node.js that calls the modules of web/src."""
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
 
     def __call__(self, module: str) -> "Remote":
-        """A module, whose attributes are what it exports; its path within export/web/src."""
+        """A module, whose attributes are what it exports; its path within web/src."""
         return Remote(self, module)
 
     def ask(self, of: Any, name: str | None = None, **more: Any) -> Any:
@@ -136,7 +136,7 @@ class Remote:
 
 
 def encoded(value: Any) -> Any:
-    """Describe to export/web/tests/port.js what JSON has no words for."""
+    """Describe to web/tests/port.js what JSON has no words for."""
     if isinstance(value, SimpleNamespace):
         return encoded(vars(value))
     if isinstance(value, dict):

@@ -21,7 +21,7 @@ from lab.ablation.switches import ROWS, WHOLE_DECODERS, row_method
 from lab.study import Results, Study, StudyFlags, Workshop
 from link.errors import InputError, at_least, choose, each_once
 from link.layout import make_layout
-from models.neural.checkpoint import load_checkpoint
+from models.phi.checkpoint import load_checkpoint
 from reports.engine.conditions import SETTINGS, named_condition
 from reports.render.reliability import calibration_table, reliability_figure
 from reports.render.tables import Table

@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from models.neural.config import FULL, DecoderConfig
+from models.phi.config import FULL, DecoderConfig
 from reports.engine.methods import Method, methods_for
 
 ADDED: dict[str, dict[str, Any]] = {

@@ -17,9 +17,9 @@ from export.film_graph import FilmWindow
 from export.parity import film_tensors
 from link.layout import block_mean
 from link.types import Array
-from models.classical.oorc import explicit_map
-from models.neural.film import block_places, mix
-from models.neural.refine import GRAY_LEVELS
+from models.film.decoder import block_places, mix
+from models.paper.oorc import explicit_map
+from models.phi.refine import GRAY_LEVELS
 
 RIDGE = 1e-6
 """Weight of the head's squared norm beside the mean squared error, for features as they are."""

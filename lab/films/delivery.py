@@ -17,7 +17,6 @@ from data_gen.film.codec import through_codec
 from data_gen.pairs import PAIRS, pair_names
 from export.film_graph import FilmGraph
 from export.runtime import OWN_TIME_LIMIT_S, Decoder
-from export.send.hiding import Hiding, Onlooker
 from lab.films.trial import (
     Delivery,
     FilmReading,
@@ -34,6 +33,7 @@ from models import FILM_GRAPH
 from reports.engine.backends import one_thread
 from reports.render.tables import Table, number, percent, share_interval
 from reports.score.intervals import wilson
+from sender.hiding import Hiding, Onlooker
 
 FILM_FLAGS = ("preset", "kappa", "state_hz", "fps", "n_bytes")
 """Names of the settings that a row of the table tells."""
@@ -150,7 +150,7 @@ def deliveries_row(
 
 
 def contrast_of(preset: str, state_hz: float, kappa: int) -> float:
-    """Contrast over threshold of one block, as `export.send` prints it for a preset."""
+    """Contrast over threshold of one block, as `sender` prints it for a preset."""
     chosen = PRESETS[preset]
     return Hiding(chosen.layout, state_hz, Onlooker(distance=chosen.distance_m)).seen(kappa)
 

@@ -29,7 +29,7 @@ from link.images import as_rgb
 from link.layout import Layout
 from link.types import Image
 from models import FILM_GRAPH
-from models.classical.oorc import OORC
+from models.paper.oorc import OORC
 from reports.engine.backends import one_thread
 from reports.render.tables import Table, number, percent
 from reports.score.reliability import (
@@ -109,7 +109,7 @@ class Comparison:
 
 
 class ReferenceDecoder:
-    """Decodes frame pairs by OORC (`models.classical.oorc`), as a receiver asks for it.
+    """Decodes frame pairs by OORC (`models.paper.oorc`), as a receiver asks for it.
 
     Its scores are margins of an SVM and no log-likelihood ratios, as their calibration error says.
     """

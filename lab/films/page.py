@@ -35,9 +35,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from data_gen.pairs import PAIRS
-from export.receive.decoders import open_decoders
-from export.receive.receiver import Receiver
-from export.web.site import build_site, run_node
 from lab.films.browser import open_chromium, serve_folder, text_of
 from lab.films.trial import FilmSettings, MessageFilm, Take, film_message
 from lab.films.y4m import read_y4m, write_y4m
@@ -45,10 +42,13 @@ from lab.study import Results, Study, StudyFlags, Workshop
 from link.code.framing import frames_needed
 from link.errors import at_least, choose, each_once
 from link.images import as_gray, replaced
+from receiver.decoders import open_decoders
+from receiver.receiver import Receiver
 from reports.engine.backends import Backend, one_thread
 from reports.engine.digest import code_digest, package_versions, short_digest
 from reports.render.tables import Table, share_interval
 from reports.score.intervals import wilson
+from web.host.site import build_site, run_node
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page

@@ -19,13 +19,13 @@ from data_gen.film.scenes import SceneSettings
 from data_gen.film.stream import States, VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
 from data_gen.pairs import GROUPS, pair_names
-from export.pilots.search.pilot_search import PilotSearch
 from lab.study import Results, Study, StudyFlags, Workshop
 from link.embed import embed
 from link.errors import ParameterError, at_least, choose
 from link.geometry import frame_corners, transform
 from link.layout import Layout, make_layout
 from link.presets import PRESETS
+from receiver.pilots.search.pilot_search import PilotSearch
 from reports.engine.backends import one_thread
 from reports.render.tables import Table
 from reports.score.intervals import wilson

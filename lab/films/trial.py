@@ -24,8 +24,6 @@ from data_gen.film.stream import VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
 from data_gen.pairs import get_pair, pair_names
 from export.film_graph import FilmScorer
-from export.receive.decoders import PairDecoder
-from export.receive.receiver import Receiver, ReceiverStep
 from link.code.framing import encode, frames_needed
 from link.embed import check_kappa
 from link.errors import ParameterError, at_least, choose, each_once
@@ -33,6 +31,8 @@ from link.layout import Layout
 from link.loop import Loop, LoopStates
 from link.presets import PRESETS
 from models import shipped_graphs
+from receiver.decoders import PairDecoder
+from receiver.receiver import Receiver, ReceiverStep
 
 MAX_LOOPS = 100.0
 """Largest number of loops of the message after which a run may be given up."""

@@ -2,8 +2,8 @@
 
 Work is a generator. It yields after each step the units of work that the step took, and returns
 what it found. What makes the steps sets the unit: where a display is searched for
-(`export.locate`), it is about a millisecond of one core at 1280 x 720; where a message is decoded,
-`link.code.rateless.GRAPH_WORK` says it.
+(`receiver.locate`), it is about a millisecond of one core at 1280 x 720; where a message is
+decoded, `link.code.rateless.GRAPH_WORK` says it.
 """
 
 from collections.abc import Generator

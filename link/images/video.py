@@ -3,7 +3,7 @@
 They are part of the contract because the sender reads and writes video, the film simulator writes
 it, and the receiver reads it. `VideoReader` serves all who read. It gives the frames with the times
 at which the file shows them, and tells afterwards whether the file broke off; its caller decides
-whether that is an error (`read_video`, for the sender) or a warning (`export.receive.sources`, for
+whether that is an error (`read_video`, for the sender) or a warning (`receiver.sources`, for
 the receiver).
 """
 

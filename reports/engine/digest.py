@@ -38,7 +38,7 @@ def code_digest(*modules: str, root: Path = ROOT) -> str:
     that a worker that runs on keeps the code with which it started.
 
     Args:
-        *modules: dotted names, such as "models.classical.oorc".
+        *modules: dotted names, such as "models.paper.oorc".
         root: folder that holds the packages.
     """
     digest = hashlib.sha256()
@@ -69,9 +69,9 @@ def outside_digest(module: str) -> str:
 def imported_modules(modules: Sequence[str], root: Path = ROOT) -> list[str]:
     """These modules and all modules below ``root`` that they import, wherever the import stands.
 
-    >>> "link.ratex" in imported_modules(["models.classical.oorc"])
+    >>> "link.ratex" in imported_modules(["models.paper.oorc"])
     True
-    >>> "export.send.player" in imported_modules(["models.classical.oorc"])
+    >>> "sender.player" in imported_modules(["models.paper.oorc"])
     False
     """
     found: dict[str, None] = {}

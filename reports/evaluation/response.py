@@ -12,9 +12,9 @@ from link.images import intensity
 from link.images.equalise import uniform_mapping
 from link.ratex import training_pixels
 from link.types import Real
-from models.classical.common import tile_mean
-from models.classical.oorc import inverse_response
-from models.classical.two_step import fit_inverse_response
+from models.paper.common import tile_mean
+from models.paper.oorc import inverse_response
+from models.paper.two_step import fit_inverse_response
 from reports.engine.methods import Method
 from reports.run import Response
 

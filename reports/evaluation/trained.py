@@ -10,7 +10,7 @@ from data_gen.frame_pair import Source
 from export.to_onnx import export
 from link.layout import Layout
 from models import DECODERS
-from models.neural.decoder import PhiDecoder
+from models.phi.decoder import PhiDecoder
 from reports.engine.backends import Backend
 from reports.engine.conditions import condition_names
 from reports.engine.methods import methods_for

@@ -7,13 +7,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from export.overlay import frame_block
 from link.frames import Captured, Rectified, SoftBits
 from link.images import as_rgb, intensity
 from link.layout import block_index
+from link.overlay import frame_block
 from link.ratex import training_pixels
-from models.classical.common import tile_mean
-from models.classical.oorc import inverse_response
+from models.paper.common import tile_mean
+from models.paper.oorc import inverse_response
 from reports.render.charts import MUTED, colour_of, in_style, new_panels, save_png
 
 GAIN = 8.0

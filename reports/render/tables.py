@@ -12,9 +12,9 @@ from typing import Any, Literal
 
 import pandas as pd
 
-from export.markdown import markdown_table
 from link.errors import InputError
 from link.images import write_bytes
+from link.markdown import markdown_table
 from reports.score.accuracy import pool
 from reports.score.paired import MIN_FRAMES, Paired
 

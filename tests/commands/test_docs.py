@@ -15,7 +15,7 @@ LINK = re.compile(r"\]\(((?!https?:)[^)\s]+)\)")
 HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 SHOWN = {file: BLOCK.findall(file.read_text()) for file in sorted((ROOT / "docs").glob("*.md"))}
-del SHOWN[ROOT / "docs" / "embed.md"]  # tests/export/test_package.py runs it without the checkout
+del SHOWN[ROOT / "docs" / "embed.md"]  # tests/web/test_package.py runs it without the checkout
 
 
 def anchors(page: Path) -> set[str]:

@@ -115,7 +115,7 @@ def test_numbers_that_no_flag_takes(
 
 def test_the_numbers_of_commands_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     found = {}
-    for module in ("data_gen.video", "export.send.__main__", "export.parity"):
+    for module in ("data_gen.video", "sender.__main__", "export.parity"):
         main = importlib.import_module(module).main
         found[module] = numbers_of(described(main, monkeypatch))
     assert found["data_gen.video"][0] == ["--out", "x", "--message", "x"]
@@ -126,7 +126,7 @@ def test_the_numbers_of_commands_are_found(monkeypatch: pytest.MonkeyPatch) -> N
         (float, 2),
     )
     assert {"--seed", "--coverage", "--margin-px", "--clock-error"} <= set(video)
-    assert found["export.send.__main__"][1]["--counter"] == (int, 1)
+    assert found["sender.__main__"][1]["--counter"] == (int, 1)
     assert found["export.parity"][0] == ["x"]
 
 
@@ -149,9 +149,9 @@ def test_the_numbers_of_commands_are_found(monkeypatch: pytest.MonkeyPatch) -> N
     ),
     ("train", "--decoder.coarsen 3", "--decoder.coarsen: need 1 or 2, got 3"),
     ("export.parity", "", "Missing from program: PATH "),
-    ("export.receive.__main__", "", "the following arguments are required: INPUT"),
-    ("export.receive.__main__", "x --bogus", "unrecognized arguments: --bogus"),
-    ("export.receive.__main__", "x --threads many", "--threads: need a whole number, got 'many'"),
+    ("receiver.__main__", "", "the following arguments are required: INPUT"),
+    ("receiver.__main__", "x --bogus", "unrecognized arguments: --bogus"),
+    ("receiver.__main__", "x --threads many", "--threads: need a whole number, got 'many'"),
     ("export.runtime", "m a b --corners 0,0", "--corners: expected 4 arguments"),
 )
 def test_whatever_a_parser_says_becomes_one_line(
@@ -170,7 +170,7 @@ def test_words_of_a_parser_that_are_not_known_are_passed_on_in_one_line() -> Non
         read_flags(read)
 
 
-@pytest.mark.parametrize("module", ["data_gen.__main__", "export.send.__main__"])
+@pytest.mark.parametrize("module", ["data_gen.__main__", "sender.__main__"])
 def test_help_is_printed(module: str, command: Command) -> None:
     done = command(importlib.import_module(module).main, "--help")
     assert done.stderr == ""
@@ -193,7 +193,7 @@ def test_flags_of_the_layout_come_last_and_those_that_must_be_given_first() -> N
 
 
 def test_every_command_says_its_version(command: Command) -> None:
-    done = command(importlib.import_module("export.locate.__main__").main, "--version")
+    done = command(importlib.import_module("receiver.locate.__main__").main, "--version")
     assert done.stdout == f"{__version__}\n"
 
 
@@ -204,14 +204,14 @@ LONG = "n" * 300
     ("data_gen.__main__", ["--out", ""], "--out: empty; give a name"),
     ("data_gen.__main__", ["--out="], "--out: empty; give a name"),
     ("export.parity", [""], "an input: empty; give a name"),
-    ("export.receive.__main__", [""], "an input: empty; give a name"),
-    ("export.receive.__main__", "²", "²: no such folder, video file or camera number"),
-    ("export.send.__main__", "x --message \udcff --out y", "--message: not text"),
+    ("receiver.__main__", [""], "an input: empty; give a name"),
+    ("receiver.__main__", "²", "²: no such folder, video file or camera number"),
+    ("sender.__main__", "x --message \udcff --out y", "--message: not text"),
     ("data_gen.video", "--message \udcff --out y", "--message: not text in UTF-8"),
-    ("export.locate.__main__", ["a\nb"], "a b: no such image file"),
-    ("export.locate.__main__", LONG, LONG),
-    ("export.receive.__main__", LONG, LONG),
-    ("export.send.__main__", f"x --message a --out {LONG}", LONG),
+    ("receiver.locate.__main__", ["a\nb"], "a b: no such image file"),
+    ("receiver.locate.__main__", LONG, LONG),
+    ("receiver.__main__", LONG, LONG),
+    ("sender.__main__", f"x --message a --out {LONG}", LONG),
     ("data_gen.__main__", f"--out {LONG}", LONG),
     ("data_gen.video", f"{FILM} --size 9000 9000", "--size: "),
     ("data_gen.video", f"{FILM} --shown 99999", "--shown: "),

@@ -39,15 +39,15 @@ FILM = "--message hi --seconds 0.2 --size 320 240"
 
 
 @cases(
-    ("export.send.__main__", f"{SEND} --out OUT/x.html", "x.html"),
-    ("export.send.__main__", f"{SEND} --out OUT/x.mkv", "x.mkv"),
-    ("export.send.__main__", f"{SEND} --out OUT/x.avi", "x.avi"),
-    ("export.send.__main__", f"{SEND} --out OUT/x", "x/state_00000.png"),
+    ("sender.__main__", f"{SEND} --out OUT/x.html", "x.html"),
+    ("sender.__main__", f"{SEND} --out OUT/x.mkv", "x.mkv"),
+    ("sender.__main__", f"{SEND} --out OUT/x.avi", "x.avi"),
+    ("sender.__main__", f"{SEND} --out OUT/x", "x/state_00000.png"),
     ("data_gen.video", f"{FILM} --out OUT/film.mkv", "film.mkv"),
     ("data_gen.video", f"{FILM} --out OUT/film.mp4 --codec.kbits 9000", "film.mp4"),
     ("data_gen.video", f"{FILM} --out OUT/film", "film/000000.png"),
     ("data_gen.__main__", "--frames 2 --out OUT/gen", "gen/00000_original.png"),
-    ("export.locate.__main__", "PICTURE --show OUT/seen", "seen/picture.png"),
+    ("receiver.locate.__main__", "PICTURE --show OUT/seen", "seen/picture.png"),
 )
 def test_a_full_disk_is_named_and_nothing_half_is_left(
     module: str, words: str, named: str, picture: Path, no_space: None, refuses: Refuses

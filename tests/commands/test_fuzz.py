@@ -17,8 +17,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from streams import Stream, states_of
 
-from export.locate.find import locate
-from export.receive.receiver import Receiver
 from export.runtime import Decoder
 from link.captures import KNOWN, MANIFEST, load_capture, read_manifest, save_captures
 from link.errors import InputError
@@ -28,8 +26,10 @@ from link.images import read_image, write_image
 from link.layout import MAX_BLOCKS, MAX_PIXELS, Layout, make_layout
 from link.outside import parse_json
 from link.types import Image
+from receiver.locate.find import locate
+from receiver.receiver import Receiver
 
-MODEL = ROOT / "models" / "neural" / "pretrained" / "decoder.onnx"
+MODEL = ROOT / "models" / "pretrained" / "ratex" / "decoder.onnx"
 LAYOUT = make_layout()
 TEXT = b"right"
 

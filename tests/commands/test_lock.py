@@ -21,8 +21,8 @@ from link.errors import InputError
 from link.files.lock import LOCK, locked
 from link.layout import make_layout
 from models import PRETRAINED
-from models.neural.config import FULL
-from models.neural.decoder import PhiDecoder
+from models.phi.config import FULL
+from models.phi.decoder import PhiDecoder
 from reports.engine.backends import Backend
 from reports.engine.digest import ROOT
 from reports.engine.predict import predict_all
@@ -201,12 +201,12 @@ EVALUATE = "--pairs canon-lg --frames 1 --jobs 1 --views 0 --kappas 5 --methods 
     ("data_gen.__main__", "--frames 1", "captures", ""),
     ("data_gen.video", FILM_OF_ONE_FRAME, "film", ""),
     ("data_gen.video", FILM_OF_ONE_FRAME, "film.mkv", "film.jsonl"),
-    ("export.send.__main__", SEND, "sent.html", "sent.html"),
-    ("export.send.__main__", SEND, "sent.mkv", "sent.mkv"),
-    ("export.send.__main__", SEND, "sent", "sent"),
-    ("export.package.__main__", "--only wheel", "packed", ""),
+    ("sender.__main__", SEND, "sent.html", "sent.html"),
+    ("sender.__main__", SEND, "sent.mkv", "sent.mkv"),
+    ("sender.__main__", SEND, "sent", "sent"),
+    ("web.package.__main__", "--only wheel", "packed", ""),
     ("export.to_onnx", "", "decoder.onnx", "decoder.onnx"),
-    ("export.web.__main__", "", "site", "site"),
+    ("web.__main__", "", "site", "site"),
 )
 def test_commands_refuse_an_output_that_is_being_written(
     module: str, words: str, out: str, lock: str, tmp_path: Path, refuses: Refuses

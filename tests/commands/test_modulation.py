@@ -12,10 +12,10 @@ from conftest import Command, Refuses, cases
 import data_gen.__main__ as data_gen_cli
 import data_gen.video as video_cli
 import evaluate
-import export.receive.__main__ as receive_cli
 import export.runtime as runtime_cli
-import export.send.__main__ as send_cli
 import export.to_onnx as to_onnx_cli
+import receiver.__main__ as receive_cli
+import sender.__main__ as send_cli
 from data_gen.flags import LayoutFlags
 from data_gen.frame_pair import Cell, FramePair, Source
 from export.parity import Parity
@@ -26,7 +26,7 @@ from link.errors import InputError
 from link.images import write_image
 from link.layout import Layout, make_layout
 from models import PRETRAINED, PRETRAINED_PILOTS
-from models.neural.decoder import PhiDecoder
+from models.phi.decoder import PhiDecoder
 from reports.engine.digest import file_digest
 from reports.engine.methods import Method, suited_methods
 from reports.engine.records import read_predictions
@@ -56,7 +56,7 @@ def pilots_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 WITH_LAYOUT = {
-    "export.send.__main__": "picture.png --message hi --preset paper",
+    "sender.__main__": "picture.png --message hi --preset paper",
     "data_gen.__main__": "",
     "data_gen.video": "--message hi",
     "evaluate": "",
@@ -140,15 +140,15 @@ def test_the_layout_chooses_the_checkpoint_that_is_exported(
     for words in (("--layout", tmp_path / f"{name}.json") for name in layouts):
         command(to_onnx_cli.main, *words, *out)
     assert exported == [
-        (layouts["patches"], out[1], "pretrained"),
-        (layouts["pilots"], out[1], "pretrained_pilots"),
+        (layouts["patches"], out[1], "ratex"),
+        (layouts["pilots"], out[1], "pilots"),
     ]
     words = [PRETRAINED, "--layout", tmp_path / "pilots.json", *out]
     says = f"not with pilots; take {PRETRAINED_PILOTS} or a run that was"
     refuses("export.to_onnx", words, says)
 
 
-@pytest.mark.parametrize("run", [(), (PRETRAINED,), (PRETRAINED_PILOTS / ".." / "pretrained",)])
+@pytest.mark.parametrize("run", [(), (PRETRAINED,), (PRETRAINED_PILOTS / ".." / "ratex",)])
 def test_an_export_leaves_what_ships_as_it_is(
     run: tuple[Path, ...], exported: list[tuple[Layout, Path, str]], refuses: Refuses
 ) -> None:

@@ -11,7 +11,6 @@ from conftest import cases, refusal
 from runs import write_run
 
 from data_gen.effects import parse_settings
-from export.locate.find import locate
 from export.onnx_file import MAX_FIELDS, MAX_NODES
 from export.runtime import MAX_MEMORY_BYTES, MAX_MODEL_BYTES, TIME_LIMIT_S
 from export.watchdog import GRACE_S
@@ -22,7 +21,8 @@ from link.images import read_image, size, write_bytes
 from link.images.video import VideoReader
 from link.layout import Layout, make_layout
 from link.outside import inside, parse_json, read_bounded, read_json
-from models.neural.checkpoint import MAX_STATE_BYTES, MAX_WEIGHTS_BYTES
+from models.phi.checkpoint import MAX_STATE_BYTES, MAX_WEIGHTS_BYTES
+from receiver.locate.find import locate
 from reports.engine.digest import ROOT
 from reports.run import RunFolder, Story
 

@@ -23,7 +23,7 @@ from models import DECODERS
 LAYOUT = make_layout(5, 6, 120, 80, 2)
 MOST_BYTES = framing.capacity(framing.MAX_FRAMES, LAYOUT.n_bits)
 """Length of the longest message that `LAYOUT` carries."""
-MODEL = ROOT / "models" / "neural" / "pretrained" / "decoder.onnx"
+MODEL = ROOT / "models" / "pretrained" / "ratex" / "decoder.onnx"
 PAPER = "--preset paper --rows 5 --cols 6 --width 120 --height 80 --ratex 2"
 COMMANDS = {
     "data_gen": ("data_gen.__main__", "--out out"),
@@ -37,13 +37,13 @@ COMMANDS = {
     "parity": ("export.parity", ""),
     "runtime": ("export.runtime", f"{MODEL}"),
     "corners": ("export.runtime", f"{MODEL} o.png e.png --corners"),
-    "send": ("export.send.__main__", f"picture.png --message hi --out x.html {PAPER}"),
-    "send hidden": ("export.send.__main__", "picture.png --message hi --out x.html"),
-    "send layout": ("export.send.__main__", "picture.png --message hi --out x.html"),
-    "send nothing": ("export.send.__main__", ""),
-    "send what": ("export.send.__main__", f"--out x.html {PAPER}"),
-    "receive": ("export.receive.__main__", ""),
-    "receive film": ("export.receive.__main__", "film"),
+    "send": ("sender.__main__", f"picture.png --message hi --out x.html {PAPER}"),
+    "send hidden": ("sender.__main__", "picture.png --message hi --out x.html"),
+    "send layout": ("sender.__main__", "picture.png --message hi --out x.html"),
+    "send nothing": ("sender.__main__", ""),
+    "send what": ("sender.__main__", f"--out x.html {PAPER}"),
+    "receive": ("receiver.__main__", ""),
+    "receive film": ("receiver.__main__", "film"),
 }
 """Module and first words of each command; a row of the tables gives what it needs besides.
 

@@ -17,12 +17,12 @@ from export.parity import Parity
 from link.errors import InputError
 from link.layout import make_layout
 from models import DECODERS, PRETRAINED
-from models.neural import checkpoint
-from models.neural.checkpoint import load_checkpoint
-from models.neural.config import FULL, DecoderConfig
-from models.neural.decoder import START_LOG_TEMPERATURE, PhiDecoder
-from models.neural.refine import MOMENTS
-from models.neural.training import initial_decoder, training_step
+from models.phi import checkpoint
+from models.phi.checkpoint import load_checkpoint
+from models.phi.config import FULL, DecoderConfig
+from models.phi.decoder import START_LOG_TEMPERATURE, PhiDecoder
+from models.phi.refine import MOMENTS
+from models.phi.training import initial_decoder, training_step
 from reports.engine.digest import imported_modules
 from train import TrainConfig
 
@@ -242,7 +242,7 @@ def test_settings_of_the_evaluation_are_not_part_of_the_key(changed: dict[str, A
 def test_a_half_finished_training_depends_on_the_code_that_it_runs_alone() -> None:
     modules = set(imported_modules(train.TRAINED_BY))
     assert {"data_gen.augment", "data_gen.frame_pair", "link.embed"} <= modules
-    assert {"models.neural.solver", "models.neural.refine", "models.neural.register"} <= modules
+    assert {"models.phi.solver", "models.phi.refine", "models.phi.register"} <= modules
     assert not {name for name in modules if name.startswith(("export.", "reports."))}
 
 

@@ -29,10 +29,10 @@ from link.frames import Captured, Rectified
 from link.layout import Layout, make_layout
 from link.types import Image
 from models import PRETRAINED
-from models.neural.checkpoint import load_checkpoint
-from models.neural.config import FULL
-from models.neural.decoder import PhiDecoder
-from models.neural.methods import decode_with
+from models.phi.checkpoint import load_checkpoint
+from models.phi.config import FULL
+from models.phi.decoder import PhiDecoder
+from models.phi.methods import decode_with
 
 UNSEEN_SEED = 7
 SIZES = ((512, 384), (640, 480), (400, 331))

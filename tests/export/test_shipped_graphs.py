@@ -10,8 +10,8 @@ from export.runtime import Decoder
 from link.layout import Layout
 from link.presets import PRESETS
 from models import PRETRAINED, PRETRAINED_PILOTS, shipped_checkpoint, shipped_graphs
-from models.neural.checkpoint import load_checkpoint
-from models.neural.methods import decode_with
+from models.phi.checkpoint import load_checkpoint
+from models.phi.methods import decode_with
 
 GRAPHS = list(shipped_graphs().values())
 

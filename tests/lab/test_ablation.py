@@ -16,9 +16,9 @@ from lab.ablation.study import STUDY, compare_rows
 from lab.ablation.switches import ADDED, REMOVED, ROWS, row_method
 from lab.study import Results, read_results, write_results
 from link.layout import Layout
-from models.neural.checkpoint import save_checkpoint
-from models.neural.config import FULL, DecoderConfig
-from models.neural.decoder import PhiDecoder
+from models.phi.checkpoint import save_checkpoint
+from models.phi.config import FULL, DecoderConfig
+from models.phi.decoder import PhiDecoder
 from reports.engine.conditions import SETTINGS, named_condition
 from reports.engine.records import to_records
 

@@ -11,9 +11,9 @@ from lab.docs import METRICS, STEPS
 from lab.docs_blocks import BLOCKS
 from lab.study import DOCS
 from link.layout import make_layout
-from models.neural.checkpoint import save_checkpoint
-from models.neural.config import DecoderConfig
-from models.neural.decoder import PhiDecoder
+from models.phi.checkpoint import save_checkpoint
+from models.phi.config import DecoderConfig
+from models.phi.decoder import PhiDecoder
 from reports.render.tables import cell_tables
 from reports.score.accuracy import read_scores
 

@@ -11,7 +11,6 @@ import evaluate
 from data_gen.channel.stills import capture
 from data_gen.pairs import get_pair
 from data_gen.pictures.library import load_pictures
-from export.send import __main__ as send
 from lab import recorded
 from link.captures import read_manifest
 from link.code.framing import encode
@@ -19,13 +18,14 @@ from link.embed import embed
 from link.frames import Captured, Displayed
 from link.images import read_image, write_image
 from link.layout import Layout, make_layout
+from sender import __main__ as send
 
 MESSAGE = "hidden"
 
 
 @pytest.fixture(scope="module")
 def filmed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Captured]]:
-    """What export.send wrote, and the simulated photographs of it, in two folders."""
+    """What sender wrote, and the simulated photographs of it, in two folders."""
     folder, layout = tmp_path_factory.mktemp("recorded"), make_layout()
     picture = load_pictures("test", layout.width, layout.height)[0].rgb
     write_image(folder / "picture.png", picture)

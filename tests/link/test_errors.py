@@ -113,7 +113,7 @@ def test_a_full_device_is_named_in_one_line(script: str) -> None:
 def test_a_command_with_an_output_that_takes_nothing(
     redirected: str, status: int, words: str
 ) -> None:
-    line = f"{sys.executable} -m export.locate {words} {redirected}"
+    line = f"{sys.executable} -m receiver.locate {words} {redirected}"
     done = run_process("sh", "-c", line, status=None)
     if words != "--help":
         assert done.stderr == "error: gone.png: no such image file; check the path\n"

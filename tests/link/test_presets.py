@@ -7,9 +7,9 @@ import pytest
 from conftest import Command, Refuses, cases
 
 import data_gen.video as film_cli
-from export.visibility.line_code import CODE_OF_MODULATION
 from link.layout import make_layout
 from link.presets import PRESETS
+from sender.visibility.line_code import CODE_OF_MODULATION
 
 FILM = ("--message", "hi", "--seconds", 0.01, "--size", 160, 120)
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from tolerances import EVEN_CONTRAST, FLOAT64
 
-from export.send.hiding import MESSAGE_SEED, SECONDS, Onlooker
-from export.visibility.flicker import contrast_over_threshold, random_message
-from export.visibility.line_code import CODE_OF_MODULATION
 from link.layout import make_layout
 from link.presets import PRESETS
 from link.strength import EVEN, FACTORS, block_steps, even_factor, light_of_level, masking
 from link.types import Image
+from sender.hiding import MESSAGE_SEED, SECONDS, Onlooker
+from sender.visibility.flicker import contrast_over_threshold, random_message
+from sender.visibility.line_code import CODE_OF_MODULATION
 
 LAYOUT = make_layout(12, 16, 160, 120, modulation="antipodal", pilots=8)
 

@@ -15,9 +15,9 @@ from link.images import intensity
 from link.layout import Layout, make_layout
 from link.types import Image
 from models import DECODERS, make_decoder
-from models.classical.blind import SIGNAL_SPREAD, fit, log_odds
-from models.classical.register import REACH_PX, align_frames, high_pass, whole_pixel_shift
-from models.classical.tones import TONES, cut_into_tones
+from models.blind.blind import SIGNAL_SPREAD, fit, log_odds
+from models.blind.register import REACH_PX, align_frames, high_pass, whole_pixel_shift
+from models.blind.tones import TONES, cut_into_tones
 
 NO_PATCHES = make_layout(ratex=0)
 

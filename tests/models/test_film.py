@@ -13,8 +13,8 @@ from export.parity import FILM_TOLERANCE, compare_films, film_tensors, synthetic
 from lab.train_film import load_window, loss_of, save_window
 from link.layout import make_layout
 from models import FILM_GRAPH
-from models.neural.checkpoint import load_weights, read_config
-from models.neural.film import CERTAINTY_PRIOR, FilmDecoder, certainty
+from models.film.decoder import CERTAINTY_PRIOR, FilmDecoder, certainty
+from models.phi.checkpoint import load_weights, read_config
 
 LAYOUT = make_layout(24, 32, modulation="antipodal", pilots="auto")
 PURE_BITS, MIXED_BITS = 0.999, 0.98

@@ -26,16 +26,16 @@ from link.images import as_batch, intensity
 from link.layout import Layout, make_layout
 from link.types import Array
 from models import PRETRAINED, make_decoder
-from models.classical.oorc import explicit_map
-from models.neural.checkpoint import load_checkpoint, load_weights, save_checkpoint, unpack
-from models.neural.config import CHANNELS, FULL, MAX_DEGREE, DecoderConfig
-from models.neural.decoder import PhiDecoder, bin_mean
-from models.neural.methods import Phi, decode_with
-from models.neural.phi import PhiPolynomial
-from models.neural.reduce import Reduce, exported_sum
-from models.neural.refine import MOMENTS
-from models.neural.register import derivatives, register
-from models.neural.solver import fit_head, solve_spd
+from models.paper.oorc import explicit_map
+from models.phi.checkpoint import load_checkpoint, load_weights, save_checkpoint, unpack
+from models.phi.config import CHANNELS, FULL, MAX_DEGREE, DecoderConfig
+from models.phi.decoder import PhiDecoder, bin_mean
+from models.phi.methods import Phi, decode_with
+from models.phi.phi import PhiPolynomial
+from models.phi.reduce import Reduce, exported_sum
+from models.phi.refine import MOMENTS
+from models.phi.register import derivatives, register
+from models.phi.solver import fit_head, solve_spd
 
 EVERY_CONFIG = [
     DecoderConfig(),

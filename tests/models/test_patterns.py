@@ -4,7 +4,7 @@ import numpy as np
 import torch
 from scipy.linalg import subspace_angles
 
-from models.neural.patterns import find_patterns
+from models.film.patterns import find_patterns
 
 T, B = 24, 4000
 LARGEST_ANGLE = 0.1

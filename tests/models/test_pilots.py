@@ -20,11 +20,11 @@ from link.errors import UnsuitedError
 from link.frames import Rectified
 from link.layout import COLOURS, MODULATIONS, Layout, count_pilots, make_layout
 from models import PRETRAINED, PRETRAINED_PILOTS, make_decoder, shipped_checkpoint
-from models.neural.checkpoint import load_checkpoint
-from models.neural.config import FULL, DecoderConfig
-from models.neural.decoder import PhiDecoder
-from models.neural.refine import MOMENTS
-from models.neural.refine_pilots import STATISTICS, Model, PilotRefiner
+from models.phi.checkpoint import load_checkpoint
+from models.phi.config import FULL, DecoderConfig
+from models.phi.decoder import PhiDecoder
+from models.phi.refine import MOMENTS
+from models.phi.refine_pilots import STATISTICS, Model, PilotRefiner
 
 GRIDS = [(8, 8), (24, 32)]
 both_modulations = pytest.mark.parametrize("modulation", MODULATIONS)

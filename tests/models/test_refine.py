@@ -8,8 +8,8 @@ from tolerances import FLOAT64
 from torch import Tensor
 
 from link.layout import make_layout
-from models.neural.refine import MOMENTS, Fit, Hypotheses, cavity_llr, with_surprises
-from models.neural.refine_ratex import RatexRefiner
+from models.phi.refine import MOMENTS, Fit, Hypotheses, cavity_llr, with_surprises
+from models.phi.refine_ratex import RatexRefiner
 
 LAYOUT = make_layout(4, 5, 160, 96, 2)
 

@@ -14,10 +14,10 @@ from link.frames import Rectified
 from link.layout import make_layout
 from link.types import Array
 from models import PRETRAINED_PILOTS
-from models.neural.checkpoint import load_checkpoint
-from models.neural.methods import decode_with
-from models.neural.refine_pilots import PilotRefiner
-from models.neural.ripple import WINDOW, Ripple
+from models.phi.checkpoint import load_checkpoint
+from models.phi.methods import decode_with
+from models.phi.refine_pilots import PilotRefiner
+from models.phi.ripple import WINDOW, Ripple
 
 SHAPES = [(16, 16), (24, 32), (19, 45)]
 on_shapes = pytest.mark.parametrize("shape", SHAPES, ids=str)

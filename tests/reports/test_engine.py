@@ -284,11 +284,11 @@ def test_cells_stay_valid_where_the_player_changes_and_not_where_a_decoder_does(
     files = {ROOT / module.replace(".", "/") for module in imported_modules(ran)}
     copied = [file / "__init__.py" if file.is_dir() else file.with_suffix(".py") for file in files]
     data = [ROOT / name for names in DATA.values() for name in names]
-    for file in [*copied, *data, ROOT / "export" / "send" / "player.py"]:
+    for file in [*copied, *data, ROOT / "sender" / "player.py"]:
         (tmp_path / file.relative_to(ROOT)).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(file, tmp_path / file.relative_to(ROOT))
 
-    paths = {"player": "export/send/player.py", "decoder": "models/classical/naive.py"}
+    paths = {"player": "sender/player.py", "decoder": "models/paper/naive.py"}
 
     def digest_with(**added: str) -> str:
         for name, text in added.items():
@@ -303,8 +303,8 @@ def test_cells_stay_valid_where_the_player_changes_and_not_where_a_decoder_does(
 
 
 def test_a_decoder_runs_on_what_it_imports_and_not_on_the_player() -> None:
-    modules = imported_modules(["data_gen.frame_pair", "models.neural.methods"])
-    assert {"models.neural.solver", "link.ratex", "data_gen.parameters"} <= set(modules)
+    modules = imported_modules(["data_gen.frame_pair", "models.phi.methods"])
+    assert {"models.phi.solver", "link.ratex", "data_gen.parameters"} <= set(modules)
     assert not [name for name in modules if name.split(".")[0] in ("export", "reports")]
     assert set(DATA) <= set(modules)
     assert all((ROOT / name).is_file() for names in DATA.values() for name in names)

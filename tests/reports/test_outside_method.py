@@ -16,7 +16,7 @@ from reports.engine.methods import Method, methods_for
 
 MODULE = """
 from models import Card
-from models.classical.naive import Naive
+from models.paper.naive import Naive
 
 class Mine(Naive):
     card = Card("elsewhere.mine:Mine", "#123456", llr=True)
@@ -52,13 +52,13 @@ def test_a_method_of_another_folder_is_compared(elsewhere: Path) -> None:
 
 def test_its_card_and_its_code_count(elsewhere: Path) -> None:
     assert Method("elsewhere.mine:Mine").card.llr
-    assert isinstance(find_card("models.classical.naive:Naive"), Card)
+    assert isinstance(find_card("models.paper.naive:Naive"), Card)
     assert type(make_decoder("elsewhere.mine:Mine", C=2.0)).__name__ == "Mine"
     before = outside_digest("elsewhere.mine")
     (elsewhere / "elsewhere" / "helper.py").write_text("A = 1")
     outside_digest.cache_clear()
     assert before not in ("", outside_digest("elsewhere.mine"))
-    assert outside_digest("models.classical.naive") == ""
+    assert outside_digest("models.paper.naive") == ""
 
 
 @cases(

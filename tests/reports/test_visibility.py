@@ -8,21 +8,21 @@ from conftest import ROOT, cases
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from export.visibility.chroma import colour_over_threshold, opponent_change
-from export.visibility.elatcsf import (
+from link.errors import InputError, ParameterError
+from link.layout import COLOURS, LUMINANCE_FROM_RGB
+from sender.visibility.chroma import colour_over_threshold, opponent_change
+from sender.visibility.elatcsf import (
     POOLING_EXPONENT,
     THRESHOLD_ENERGY,
     flicker_sensitivity,
     spot_sensitivity,
 )
-from export.visibility.flicker import (
+from sender.visibility.flicker import (
     contrast_over_threshold,
     flicker_spectrum,
     random_message,
 )
-from export.visibility.viewing import COLOUR_LEVELS, Viewing
-from link.errors import InputError, ParameterError
-from link.layout import COLOURS, LUMINANCE_FROM_RGB
+from sender.visibility.viewing import COLOUR_LEVELS, Viewing
 
 PAGE = ROOT / "docs" / "visibility.md"
 AUTHORS = [

@@ -7,14 +7,14 @@ import pytest
 from port import same
 from tolerances import CLOCK_EVIDENCE, CLOCK_STATE, FITTED, FLOAT32_SUM, FLOAT64, SAME_STEPS
 
-from export.pilots.clock import DisplayClock, embedded_share
-from export.receive.timing.fit import ToggleWindow
-from export.receive.timing.synchronise import AWAY_S, Synchroniser, needed_evidence
-from export.receive.timing.toggles import PatchToggles, make_toggles
+from link.clock import DisplayClock, embedded_share
 from link.embed import embed
 from link.layout import make_layout
 from link.pilot_code import PilotCode
 from link.presets import PRESETS
+from receiver.timing.fit import ToggleWindow
+from receiver.timing.synchronise import AWAY_S, Synchroniser, needed_evidence
+from receiver.timing.toggles import PatchToggles, make_toggles
 
 PATCHES = PatchToggles(make_layout())
 GRID = np.stack(np.meshgrid(*2 * [np.arange(4) / 4 + 0.125]), axis=-1).reshape(-1, 2)
@@ -37,7 +37,7 @@ def toggles_of(clock, times, places, rng, noise, correlation=0.0, amplitude=3.0)
 
 
 def test_shares_of_exposures(port):
-    clock, module = DisplayClock(0.1, 0.02, 0.003, 0.02, 0.04), port("pilots/clock.js")
+    clock, module = DisplayClock(0.1, 0.02, 0.003, 0.02, 0.04), port("link/clock.js")
     numbers, times = np.array(astuple(clock)), np.arange(9) / 7
     ported = module.DisplayClock(*numbers)
     for state in range(3):
@@ -48,7 +48,7 @@ def test_shares_of_exposures(port):
     for name in ("latest", "earliest", "centre"):
         same(getattr(ported, name), getattr(clock, name), SAME_STEPS)
     for at in ((1.0, 30.0), (4.0, 30.0), (4.0, 240.0)):
-        needed = port("receive/timing/synchronise.js").neededEvidence(*at)
+        needed = port("receiver/timing/synchronise.js").neededEvidence(*at)
         same(needed, needed_evidence(*at), FLOAT64)
 
 
@@ -78,11 +78,11 @@ def test_clocks_are_fitted_to_windows(name, port):
         toggles[5:, 1] = np.nan
         toggles[9, 0] += 60
     window = ToggleWindow(times, toggles, places, fps)
-    ported = port("receive/timing/fit.js").ToggleWindow(times, list(toggles), places, fps)
+    ported = port("receiver/timing/fit.js").ToggleWindow(times, list(toggles), places, fps)
     same(ported.placesSeen, window.places_seen)
     same(ported.deviation, window.deviation, FLOAT64)
     start = replace(clock, start=clock.start - window.middle, period=1.0004 * clock.period)
-    begun = port("pilots/clock.js").DisplayClock(*astuple(start))
+    begun = port("link/clock.js").DisplayClock(*astuple(start))
     for found, fit in (
         (ported.search(), window.search()),
         (ported.follow(begun), window.follow(start)),
@@ -112,8 +112,8 @@ def test_a_synchroniser_finds_the_clock_holds_it_and_keeps_its_numbers(port):
     toggles[again] = toggles_of(late, times[again], PATCHES.places, rng, 0.4)
     seen = (times < 0.7 * seconds) | again
     sync = Synchroniser(fps, PATCHES)
-    meter = port("receive/timing/toggles.js").PatchToggles(PATCHES.layout)
-    ported = port("receive/timing/synchronise.js").Synchroniser(fps, meter)
+    meter = port("receiver/timing/toggles.js").PatchToggles(PATCHES.layout)
+    ported = port("receiver/timing/synchronise.js").Synchroniser(fps, meter)
     for time, values in zip(times[seen], toggles[seen], strict=True):
         sync.add(time, values)
         ported.add(time, values)
@@ -136,14 +136,14 @@ def test_a_code_s_clock_is_put_right_where_frames_are_missing(off, kept, port):
     wave = embedded_share(np.array([astuple(true)]), times, PATCHES.places, code)[0].T
     toggles = 3 * wave + 1.1 * rng.normal(size=wave.shape)
     sync = Synchroniser(30.0, PATCHES, code)
-    meter = port("receive/timing/toggles.js").PatchToggles(PATCHES.layout)
+    meter = port("receiver/timing/toggles.js").PatchToggles(PATCHES.layout)
     signs = port("link/pilotCode.js").PilotCode(code.signs.tolist())
-    ported = port("receive/timing/synchronise.js").Synchroniser(30.0, meter, signs)
+    ported = port("receiver/timing/synchronise.js").Synchroniser(30.0, meter, signs)
     for time, values in zip(times, toggles, strict=True):
         sync.add(time, values, fit=False)
         ported.add(time, values, False)
     sync.begin(held, times[-1])
-    ported.begin(port("pilots/clock.js").DisplayClock(*astuple(held)), times[-1])
+    ported.begin(port("link/clock.js").DisplayClock(*astuple(held)), times[-1])
     nothing = np.full(len(PATCHES.places), np.nan)
     sync.add(times[-1] + 0.01, nothing)
     ported.add(times[-1] + 0.01, nothing)
@@ -165,7 +165,7 @@ def test_toggles_are_those_of_python(name, port):
     ]
     frames[2][: layout.height // 8, : layout.width // 8] = 90  # covers a patch
     toggles = make_toggles(layout)
-    ported = port("receive/timing/toggles.js").makeToggles(layout)
+    ported = port("receiver/timing/toggles.js").makeToggles(layout)
     same(ported.places, toggles.places, SAME_STEPS)
     measured = [toggles.measure(frame) for frame in frames]
     found = [ported.measure(frame) for frame in frames]

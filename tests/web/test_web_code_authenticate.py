@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from port import Port, PortError
 
-from export.receive.inbox import Inbox
 from link.code.authenticate import MAX_CLOCK_SKEW_S, MAX_STAMP, Verifier, sign
 from link.code.collect import Message
+from receiver.inbox import Inbox
 
 KEY = bytes(range(32))
 NOW = 1_800_000_000
@@ -77,7 +77,10 @@ def test_messages_are_delivered_alike(
     texts = [(b"door open", 5), (b"door shut", 6), (b"door open", 5), (b"door shut", 7), (b"x", 8)]
     inbox = Inbox(None if key is None else Verifier(key))
     verifier = key and port("link/code/authenticate.js").Verifier(key)
-    ported, message = port("receive/inbox.js").Inbox(verifier), port("link/code/message.js").Message
+    ported, message = (
+        port("receiver/inbox.js").Inbox(verifier),
+        port("link/code/message.js").Message,
+    )
     for text, stamp in texts:
         data = sign(text, bytes(16) if text == b"x" else KEY, stamp)
         flagged = stamp % 2 == 1
@@ -85,7 +88,7 @@ def test_messages_are_delivered_alike(
         delivered = event["event"] == "message"
         delivery = ported.take(message(data, 4, 3, 0.9, stamp > 5, flagged), NOW)
         assert (delivery.refused is None) == delivered
-        assert vars(port("../npm/events.js").messageEvent(delivery)) == event
+        assert vars(port("../package/events.js").messageEvent(delivery)) == event
         assert bytes(ported.last.data) == inbox.last.data
         assert ported.last.changed == inbox.last.changed
         assert ported.last.signed == inbox.last.signed

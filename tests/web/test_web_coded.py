@@ -19,20 +19,20 @@ from tolerances import (
 )
 
 from export.film_graph import FilmGraph
-from export.pilots.clock import DisplayClock, embedded_share
-from export.pilots.code import CodeSearch, clocks_tried
-from export.pilots.search.all_blocks import block_maps
-from export.pilots.search.parts import COARSE_SIZE, rough_series, shifted_togglings
-from export.pilots.search.pilot_search import PilotSearch
-from export.pilots.search.proposals import inset
-from export.pilots.signal import expected_changes, pilot_centres, pilot_signs
-from export.pilots.toggling import CodedToggling, find_toggling, over_deviation
-from export.receive.receiver import Receiver
 from export.runtime import Decoder
+from link.clock import DisplayClock, embedded_share
 from link.pilot_code import PilotCode
+from link.pilots import expected_changes, pilot_centres, pilot_signs
 from link.presets import PRESETS
 from link.types import Array
 from models import FILM_GRAPH, PRETRAINED_PILOTS
+from receiver.pilots.code import CodeSearch, clocks_tried
+from receiver.pilots.search.all_blocks import block_maps
+from receiver.pilots.search.parts import COARSE_SIZE, rough_series, shifted_togglings
+from receiver.pilots.search.pilot_search import PilotSearch
+from receiver.pilots.search.proposals import inset
+from receiver.pilots.toggling import CodedToggling, find_toggling, over_deviation
+from receiver.receiver import Receiver
 
 CODE = PilotCode()
 LAYOUT = replace(PRESETS["robust"].layout, code=CODE)
@@ -56,13 +56,13 @@ def coded_values(times: Array, clock: DisplayClock, strength: float) -> Array:
 
 
 def test_codes_order_states_and_share_exposures(port: Port) -> None:
-    page, module = port("link/pilotCode.js"), port("pilots/clock.js")
+    page, module = port("link/pilotCode.js"), port("link/clock.js")
     code = page.PilotCode(CODE.signs.tolist())
     pairs = [-130, -1, 0, 1, 2, 62, 63, 1000]
     assert [code.sign(pair) for pair in pairs] == [CODE.sign(pair) for pair in pairs]
     assert [tuple(code.statesOf(pair)) for pair in pairs] == [CODE.states_of(p) for p in pairs]
     assert (code.period, code.isPlain, page.PLAIN.isPlain) == (CODE.period, False, True)
-    assert port("pilots/code.js").clocksTried(code) == clocks_tried(CODE)
+    assert port("receiver/pilots/code.js").clocksTried(code) == clocks_tried(CODE)
     numbers, times = np.array([1 / 60, 0.3, 0.004, 0.012, 0.01]), np.arange(-40, 90) / 29.9
     places = np.random.default_rng(0).random((9, 2))
     found = module.embeddedShare(numbers, times, places, code)
@@ -84,7 +84,7 @@ def test_clocks_of_a_code_are_those_of_python(hz: float, delay: float, frames: i
     signs, places = pilot_signs(LAYOUT), pilot_centres(LAYOUT)
     search = CodeSearch(CODE, signs, places, times, FPS)
     code = port("link/pilotCode.js").PilotCode(CODE.signs.tolist())
-    ported = port("pilots/code.js").CodeSearch(code, signs, places, times.tolist(), FPS)
+    ported = port("receiver/pilots/code.js").CodeSearch(code, signs, places, times.tolist(), FPS)
     same(np.array(ported.waves).T, search.waves, FLOAT32_SUM)
     known = search.strongest(values, 4)
     found = ported.strongest(list(values), 4)
@@ -108,18 +108,18 @@ def test_what_a_code_changes_is_measured_as_by_python(
 ) -> None:
     """In maps, and in frame pairs; positions count nominal frames."""
     clock, at = DisplayClock(0.5, 3.1, *delays, 0.3), np.delete(np.arange(20), 5).tolist()
-    toggling, module = CodedToggling(clock, CODE), port("pilots/toggling.js")
+    toggling, module = CodedToggling(clock, CODE), port("receiver/pilots/toggling.js")
     code = port("link/pilotCode.js").PilotCode(CODE.signs.tolist())
-    ported_clock = port("pilots/clock.js").DisplayClock(*astuple(clock))
+    ported_clock = port("link/clock.js").DisplayClock(*astuple(clock))
     ported = module.CodedToggling(ported_clock, code)
     maps = block_maps(LAYOUT)
     rng = np.random.default_rng(1)
     views = rng.normal(90, 9, (len(at), *maps.size[::-1])).astype(np.float32)
-    planes = port("pilots/search/allBlocks.js").blockMaps(LAYOUT)
+    planes = port("receiver/pilots/search/allBlocks.js").blockMaps(LAYOUT)
     run = port("link/code/steps.js").runToEnd
     changes = run(ported.changeSteps(planes, list(views), at))
     same(np.array(changes), list(toggling.period_changes(maps, views, at)), PILOT_CHANGE)
-    series = port("pilots/signal.js").overDeviation([view.reshape(-1) for view in views])
+    series = port("receiver/pilots/signal.js").overDeviation([view.reshape(-1) for view in views])
     line = ported.amplitudes(series, at, maps.size)
     expected = toggling.amplitudes(over_deviation(views), at).real.reshape(-1)  # -> (pixels,)
     same(np.asarray(line.real), expected, PILOT_CHANGE)
@@ -133,7 +133,7 @@ def test_pilots_tell_how_they_toggle(port: Port) -> None:
     values = coded_values(at / FPS, DisplayClock(1 / 60, 0.1, 0.0, 0.016, 0.008), 1.0)
     values = values.astype(np.float32)
     evidence, toggling = find_toggling(list(values), LAYOUT, at.tolist(), FPS)
-    found = port("pilots/toggling.js").findToggling(list(values), LAYOUT, at.tolist(), FPS)
+    found = port("receiver/pilots/toggling.js").findToggling(list(values), LAYOUT, at.tolist(), FPS)
     same(found.evidence, evidence, 10 * FLOAT32_SUM)
     assert found.toggling.clear == toggling.clear
     same(numbers_of(found.toggling.clock), astuple(toggling.clock), FLOAT64)
@@ -153,7 +153,7 @@ def test_clocks_are_tried_at_shifts_of_a_display(port: Port) -> None:
     found = shifted_togglings(rough_series(views, LAYOUT), blocks, LAYOUT, at.tolist(), 30.0)
     width, height = COARSE_SIZE
     planes = [{"width": width, "height": height, "data": view.reshape(-1)} for view in views]
-    parts, run = port("pilots/search/parts.js"), port("link/code/steps.js").runToEnd
+    parts, run = port("receiver/pilots/search/parts.js"), port("link/code/steps.js").runToEnd
     rough = parts.roughSeries(planes, LAYOUT)
     ported = run(parts.shiftedTogglings(rough, blocks.reshape(-1), LAYOUT, at.tolist(), 30.0))
     for one, other in zip(ported, found, strict=True):
@@ -165,7 +165,7 @@ def test_clocks_are_tried_at_shifts_of_a_display(port: Port) -> None:
 @pytest.mark.parametrize("share", [0.0, 0.02])
 def test_a_frame_around_a_display_is_left_out(share: float, port: Port) -> None:
     quad = np.array([[100.0, 50.0], [500.0, 90.0], [480.0, 400.0], [120.0, 380.0]])
-    found = np.array(port("pilots/search/proposals.js").inset(quad.tolist(), share))
+    found = np.array(port("receiver/pilots/search/proposals.js").inset(quad.tolist(), share))
     same(found, inset(quad, share), FLOAT64)
     assert (np.abs(found - quad).max() > 1) == (share > 0)
 
@@ -186,7 +186,7 @@ def test_a_coded_film_is_found_with_its_clock(dark: bool, port: Port) -> None:
     images, truth = filmed(LAYOUT, 160, seed=4, hold=1, dark=dark)
     images, truth = images[::2], truth[::2]
     known_frame, known = first_found(PilotSearch([LAYOUT], FPS), images)
-    search = port("pilots/search/pilotSearch.js").PilotSearch([LAYOUT], FPS)
+    search = port("receiver/pilots/search/pilotSearch.js").PilotSearch([LAYOUT], FPS)
     frame, found = first_found(search, images)
     assert frame <= known_frame + (NO_EDGES_LATER if dark else LATER)
     assert np.abs(found.corners - truth[frame]).max() <= PILOTS_FOUND_PX
@@ -200,12 +200,12 @@ def test_a_coded_film_is_found_with_its_clock(dark: bool, port: Port) -> None:
 def test_a_coded_film_is_read_with_its_clock(port: Port) -> None:
     """Scores of the same frame pairs, by their numbers modulo the code's period."""
     images, _ = filmed(LAYOUT, 124, seed=4, hold=1)  # fewer frame pairs than the code has
-    decoder, page = Decoder(GRAPH, threads=1, time_limit_s=60), port("decoder.js")
+    decoder, page = Decoder(GRAPH, threads=1, time_limit_s=60), port("export/decoder.js")
     decoder.layout = LAYOUT
     receiver = Receiver([decoder], FPS, FilmGraph(FILM_GRAPH, 1))
-    film = port("filmGraph.js").FilmGraph(FILM_GRAPH.read_bytes())
+    film = port("export/filmGraph.js").FilmGraph(FILM_GRAPH.read_bytes())
     decoders = [page.Decoder(LAYOUT, GRAPH.read_bytes())]
-    ported = port("receive/receiver.js").Receiver(decoders, FPS, np.inf, film)
+    ported = port("receiver/receiver.js").Receiver(decoders, FPS, np.inf, film)
     known, found = {}, {}
     for number, image in enumerate(images[::2]):
         for reader, pairs in ((receiver, known), (ported, found)):

@@ -29,7 +29,7 @@ def test_scores_are_those_of_python(name, port):
         for frame in (shown.original, shown.embedded)
     ]
     soft = Decoder(model, threads=1, time_limit_s=60).decode(*pair)
-    found = port("decoder.js").Decoder(layout, model.read_bytes()).decode(*pair)
+    found = port("export/decoder.js").Decoder(layout, model.read_bytes()).decode(*pair)
     same(found.scores, soft.scores, ONNX_SCORE)
     same(found.scores > 0, soft.scores > 0)
     same(found.head, soft.head, ONNX_SCORE)
@@ -38,7 +38,7 @@ def test_scores_are_those_of_python(name, port):
 @pytest.mark.slow
 def test_a_graph_of_another_layout_is_refused_and_may_be_given_again(port):
     graphs = [MODELS[name].read_bytes() for name in ("paper", "robust")]
-    decoder = port("decoder.js").Decoder(PRESETS["paper"].layout, graphs[1])
+    decoder = port("export/decoder.js").Decoder(PRESETS["paper"].layout, graphs[1])
     with pytest.raises(PortError, match="gives 730 scores"):
         decoder.load()
     decoder.model = graphs[0]
@@ -46,6 +46,6 @@ def test_a_graph_of_another_layout_is_refused_and_may_be_given_again(port):
 
 
 def test_the_frames_of_a_pair_have_one_size(port):
-    decoder = port("decoder.js").Decoder(PRESETS["paper"].layout, b"")
+    decoder = port("export/decoder.js").Decoder(PRESETS["paper"].layout, b"")
     with pytest.raises(PortError, match="one size"):
         decoder.decode(np.zeros((96, 128), np.uint8), np.zeros((48, 128), np.uint8))

@@ -9,11 +9,11 @@ from tolerances import FILM_SCORE, FLOAT32_SUM
 
 from export.film_graph import FilmGraph
 from export.parity import synthetic_window
-from export.pilots.clock import DisplayClock
-from export.receive.reading.film import MOST_PAIRS, FilmDesk, shrunk_gray
-from export.receive.reading.states import MESH, RectifiedFrame
+from link.clock import DisplayClock
 from link.presets import PRESETS
 from models import FILM_GRAPH
+from receiver.reading.film import MOST_PAIRS, FilmDesk, shrunk_gray
+from receiver.reading.states import MESH, RectifiedFrame
 
 LAYOUT = PRESETS["robust"].layout
 
@@ -51,9 +51,9 @@ def test_windows_are_scored_as_by_python(port, gap_s):
     shown, clock = film_of(gap_s=gap_s)
     scorer = Counting(FILM_GRAPH, 1)
     desk = FilmDesk(LAYOUT, scorer, 64)
-    graph = port("filmGraph.js").FilmGraph(FILM_GRAPH.read_bytes())
-    ported = port("receive/reading/film.js").FilmDesk(LAYOUT, graph, 64)
-    ported_clock = port("pilots/clock.js").DisplayClock(*astuple(clock))
+    graph = port("export/filmGraph.js").FilmGraph(FILM_GRAPH.read_bytes())
+    ported = port("receiver/reading/film.js").FilmDesk(LAYOUT, graph, 64)
+    ported_clock = port("link/clock.js").DisplayClock(*astuple(clock))
     waiting, compared, next_pair = [], 0, int(np.ceil(clock.number(shown[0].time) / 2))
     for frame in shown:
         desk.add(frame)

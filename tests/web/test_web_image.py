@@ -7,7 +7,6 @@ import tolerances as within
 from conftest import cases
 from port import Port, differences, same
 
-from export.pilots.stabilise import FLOW_ENDS
 from link.errors import InputError
 from link.geometry import (
     Lens,
@@ -22,6 +21,7 @@ from link.layout import make_layout
 from link.ratex import draw_patches, match_patches
 from link.robust import reweighted, ridge_solution
 from link.types import Array, Image
+from receiver.pilots.stabilise import FLOW_ENDS
 
 LAYOUT = make_layout(8, 8, 128, 96)
 SQUARE = np.array([[20.0, 15.0], [140.0, 12.0], [150.0, 100.0], [18.0, 95.0]])

@@ -22,21 +22,21 @@ from port import Port, same
 
 from data_gen.film.scenes import SceneSettings, draw_scene
 from data_gen.pairs import get_pair
-from export.locate.align import align_corners
-from export.locate.edges import side_features, snap_to_edges
-from export.locate.find import locate
-from export.locate.patches import (
+from link.images import as_gray, as_rgb
+from link.layout import Layout
+from link.types import Array, Gray, Image
+from receiver.locate.align import align_corners
+from receiver.locate.edges import side_features, snap_to_edges
+from receiver.locate.find import locate
+from receiver.locate.patches import (
     corners_from_patches,
     image_pyramid,
     patches_in_view,
     search_patches,
     seen_correlation,
 )
-from export.locate.quads import distinct, is_sound, upright
-from export.locate.refine import corners_on_patches
-from link.images import as_gray, as_rgb
-from link.layout import Layout
-from link.types import Array, Gray, Image
+from receiver.locate.quads import distinct, is_sound, upright
+from receiver.locate.refine import corners_on_patches
 
 STEP_WORK, SEARCH_WORK = 20, 450
 """Largest number of units of work of a step, and of a search in vain."""
@@ -58,7 +58,7 @@ def rng() -> np.random.Generator:
 
 def test_quadrilaterals(port: Port, rng: np.random.Generator) -> None:
     """Some of them are mirrored or out of the image."""
-    module = port("locate/quads.js")
+    module = port("receiver/locate/quads.js")
     quads = CORNERS + rng.uniform(-30, 30, (40, 4, 2))
     quads[:10] = quads[:10, [0, 3, 2, 1]]
     quads[10:16] -= [150, 0]
@@ -72,7 +72,7 @@ def test_quadrilaterals(port: Port, rng: np.random.Generator) -> None:
 
 
 def test_what_the_sides_show_and_snap_to(port: Port, gray: Gray, rng: np.random.Generator) -> None:
-    quads, edges = CORNERS + rng.uniform(-4, 4, (20, 4, 2)), port("locate/edges.js")
+    quads, edges = CORNERS + rng.uniform(-4, 4, (20, 4, 2)), port("receiver/locate/edges.js")
     levels = edges.edgeLevels(gray)
     found = [edges.sideFeatures(gray, quad.tolist(), levels) for quad in quads]
     same(np.reshape(found, (20, -1)), side_features(as_rgb(gray), quads), within.SIDE_FEATURES)
@@ -88,7 +88,7 @@ def test_what_the_sides_show_and_snap_to(port: Port, gray: Gray, rng: np.random.
 
 def test_patches_are_found(port: Port, gray: Gray, rng: np.random.Generator) -> None:
     """From corners a little off, and for a display that is partly out of view."""
-    module, pyramid = port("locate/patches.js"), image_pyramid(gray)
+    module, pyramid = port("receiver/locate/patches.js"), image_pyramid(gray)
     near, cut = CORNERS + rng.uniform(-12, 12, (4, 2)), CORNERS - [170, 0]
     ported = module.imagePyramid(gray)
     for corners in (near, cut):
@@ -104,12 +104,12 @@ def test_patches_are_found(port: Port, gray: Gray, rng: np.random.Generator) -> 
 
 def test_corners_move_onto_patches(port: Port, gray: Gray, rng: np.random.Generator) -> None:
     near, close = (CORNERS + rng.uniform(-off, off, (4, 2)) for off in (12, 2))
-    pyramid, ported = image_pyramid(gray), port("locate/patches.js").imagePyramid(gray)
-    steps = port("locate/align.js").alignSteps(ported, close.tolist(), LAYOUT)
+    pyramid, ported = image_pyramid(gray), port("receiver/locate/patches.js").imagePyramid(gray)
+    steps = port("receiver/locate/align.js").alignSteps(ported, close.tolist(), LAYOUT)
     aligned = port("link/code/steps.js").runToEnd(steps)
     same(aligned, align_corners(pyramid, close, LAYOUT), within.ALIGNED_PX)
     corners, seen = corners_on_patches(gray, pyramid, near, LAYOUT)
-    found = port("locate/refine.js").cornersOnPatches(gray, ported, near.tolist(), LAYOUT)
+    found = port("receiver/locate/refine.js").cornersOnPatches(gray, ported, near.tolist(), LAYOUT)
     same(found.corners, corners, within.ALIGNED_PX)
     same(found.seen, seen, within.VISIBILITY)
 
@@ -117,7 +117,7 @@ def test_corners_move_onto_patches(port: Port, gray: Gray, rng: np.random.Genera
 def test_correlation_of_patches_some_of_them_out_of_view(
     port: Port, rng: np.random.Generator
 ) -> None:
-    correlation = port("locate/patches.js").seenCorrelation
+    correlation = port("receiver/locate/patches.js").seenCorrelation
     match, in_view = rng.uniform(0.5, 1, (30, 5)), rng.random((30, 5)) < 0.8
     for seen in zip(match, in_view, strict=True):
         same(correlation(*seen), seen_correlation(*seen), within.FLOAT64)
@@ -149,7 +149,7 @@ def compare(port: Port, gray: Gray, truth: Array | None = None) -> None:
         gray: photograph.
         truth: (4, 2) corners of the display, or None where there is none.
     """
-    steps = port("locate/find.js").searchSteps(gray, LAYOUT)
+    steps = port("receiver/locate/find.js").searchSteps(gray, LAYOUT)
     works = []
     while not (step := steps.next()).done:
         works.append(step.value)

@@ -3,9 +3,9 @@
 import hashlib
 import re
 
-from export.web.site import WEB
+from web.host.site import WEB
 
-FOLDER = WEB / "opencv"
+FOLDER = WEB / "host" / "opencv"
 CALLED = re.compile(r'\bcall\(\s*"(\w+)"')
 DEFINED = re.compile(r"^PAGE [\w ]+[ *](\w+)\(", re.MULTILINE)
 
@@ -22,7 +22,7 @@ def test_it_was_built_from_the_sources_beside_it() -> None:
 def test_the_page_calls_all_of_its_functions_and_no_others() -> None:
     called = {
         name
-        for path in (WEB / "src").rglob("*.js")
+        for path in (WEB / "port").rglob("*.js")
         for name in CALLED.findall(path.read_text("utf-8"))
     }
     sources = [path.read_text("utf-8") for path in FOLDER.glob("*.cpp")]

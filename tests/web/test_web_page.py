@@ -17,13 +17,13 @@ import pytest
 from pilot_films import TEXT, robust_film
 from web_films import gray, limited, write_film
 
-from export.web.site import WEB
 from lab.films.browser import BROWSER_FLAGS, find_browser, serve_folder, text_of
 from lab.films.y4m import write_y4m
 from link.code.authenticate import sign
 from link.code.framing import encode
 from link.loop import Loop
 from link.presets import PRESETS
+from web.host.site import WEB
 
 pytestmark = pytest.mark.slow
 

@@ -14,18 +14,18 @@ from port import same
 from tolerances import ROUNDED_LEVELS
 from web_films import gray
 
-from export.web import site
-from export.web.site import WEB
 from link.errors import InputError
 from link.presets import PRESETS
 from models import shipped_graphs
+from web.host import site
+from web.host.site import WEB
 
-PAGE = WEB / "src" / "page"
+PAGE = WEB / "page"
 
 
 def test_colours_become_luma_as_opencv_makes_it(port):
     rgba = np.random.default_rng(0).integers(0, 256, (110, 130, 4)).astype(np.uint8)
-    found = port("page/planes.js").planeOfRgba({"width": 130, "height": 110, "data": rgba})
+    found = port("../page/planes.js").planeOfRgba({"width": 130, "height": 110, "data": rgba})
     same(found, gray(rgba[:, :, :3].copy()))
 
 
@@ -35,7 +35,7 @@ def test_a_recording_is_an_archive_of_a_film_and_of_what_is_known_about_it(port,
     times = [0.5, 0.75, 2.0]
     frames = [{"plane": plane, "time": time} for plane, time in zip(luma, times, strict=True)]
     about = {"versions": {"a": "1"}}
-    file = port("page/recording.js").recordingFile(frames, 29.97, about, 1_800_000_000)
+    file = port("../page/recording.js").recordingFile(frames, 29.97, about, 1_800_000_000)
     with tarfile.open(fileobj=io.BytesIO(file.arrayBuffer())) as archive:
         archive.extractall(tmp_path, filter="data")
     assert json.loads((tmp_path / "about.json").read_text()) == {**about, "times": times}
@@ -48,7 +48,7 @@ def test_a_recording_is_an_archive_of_a_film_and_of_what_is_known_about_it(port,
 
 
 def test_what_needs_no_browser(node):
-    """The tests of export/web/tests, which compare nothing with Python."""
+    """The tests of web/tests, which compare nothing with Python."""
     done = subprocess.run(["node", "tests/page.test.js"], cwd=WEB, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
 

@@ -9,10 +9,10 @@ from pilot_films import FINE, OTHER, filmed, leaving, panned_to
 from port import Port
 from tolerances import LENS_FOUND_K, PILOTS_FOUND_PX
 
-from export.pilots.search.pilot_search import PilotSearch
 from link.geometry import Lens
 from link.layout import Layout
 from link.types import Array, Image
+from receiver.pilots.search.pilot_search import PilotSearch
 
 FPS = 60.0
 FILMS = [
@@ -76,7 +76,9 @@ def test_page_finds_what_python_finds(port: Port, name: str) -> None:
     images, truth, layouts = film(name)
     fps = FPS / 2 if "slow" in name else FPS
     known = first_found(PilotSearch(layouts, fps), images, fps)
-    found = first_found(port("pilots/search/pilotSearch.js").PilotSearch(layouts, fps), images, fps)
+    found = first_found(
+        port("receiver/pilots/search/pilotSearch.js").PilotSearch(layouts, fps), images, fps
+    )
     assert (found is None) == (known is None) == (truth is None)
     if known is None:
         return

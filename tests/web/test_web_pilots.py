@@ -18,31 +18,26 @@ from pilot_films import (
 )
 from port import Port, differences, same
 
-from export.pilots.motion import map_size, moved_corners, without_slope
-from export.pilots.search.all_blocks import block_fit, block_maps
-from export.pilots.search.parts import COARSE_SIZE, coarse_shift
-from export.pilots.search.toggle_map import ToggleMap
-from export.pilots.signal import (
-    common_phase,
-    pilot_centres,
-    pilot_evidence,
-    pilot_signs,
-    pilot_values,
-)
-from export.pilots.stabilise import Stabiliser
-from export.pilots.toggling import Wave
-from export.pilots.waves import position, span_of, waves
 from link.code.steps import run_to_end
 from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import Layout, make_layout
+from link.pilots import pilot_centres, pilot_signs, pilot_values
 from link.types import Array
+from receiver.pilots.motion import map_size, moved_corners, without_slope
+from receiver.pilots.search.all_blocks import block_fit, block_maps
+from receiver.pilots.search.parts import COARSE_SIZE, coarse_shift
+from receiver.pilots.search.toggle_map import ToggleMap
+from receiver.pilots.signal import common_phase, pilot_evidence
+from receiver.pilots.stabilise import Stabiliser
+from receiver.pilots.toggling import Wave
+from receiver.pilots.waves import position, span_of, waves
 
 SMALL = make_layout(12, 16, 128, 96, modulation="antipodal", pilots=40)
 UNEVEN = make_layout(10, 14, 128, 96, modulation="antipodal", pilots=30)
 HIDDEN = make_layout(48, 64, modulation="antipodal", pilots="auto")
 CORNERS = np.array([[120.0, 70.0], [520.0, 90.0], [510.0, 390.0], [130.0, 360.0]])
-CORNERS_JS, EVIDENCE_JS = "pilots/search/parts.js", "pilots/signal.js"
-MOTION_JS = "pilots/motion.js"
+CORNERS_JS, EVIDENCE_JS = "receiver/pilots/search/parts.js", "receiver/pilots/signal.js"
+MOTION_JS = "receiver/pilots/motion.js"
 
 
 def complex_plane(change: NDArray[np.complex64]) -> dict[str, object]:
@@ -93,7 +88,7 @@ def test_evidence_of_pilots(at: Array, strength: float, port: Port) -> None:
     slow = 9 * np.cos(2 * np.pi * at / 150)[:, None] * rng.standard_normal(len(signs))
     wave = np.sign(np.cos(np.pi * (at + 0.5) / 2))
     values = noise + strength * wave[:, None] * signs + (slow if at[-1] > 40 else 0)
-    same(module.pilotSigns(FINE), signs)
+    same(port("link/pilots.js").pilotSigns(FINE), signs)
     found = module.pilotEvidence(list(values), FINE, at.tolist())
     same([found.evidence, found.frequency], pilot_evidence(list(values), FINE, at), within.FITTED)
 
@@ -101,8 +96,8 @@ def test_evidence_of_pilots(at: Array, strength: float, port: Port) -> None:
 @cases((SMALL, (128, 96)), (UNEVEN, (128, 96)), (SMALL, (100, 60)))
 def test_values_of_pilots_in_a_frame(layout: Layout, size: tuple[int, int], port: Port) -> None:
     gray = np.random.default_rng(0).integers(0, 256, size[::-1], dtype=np.uint8)
-    module = port(EVIDENCE_JS)
-    same(module.pilotValues(gray, layout), pilot_values(gray, layout), within.FLOAT32_SUM)
+    found = port("link/pilots.js").pilotValues(gray, layout)
+    same(found, pilot_values(gray, layout), within.FLOAT32_SUM)
 
 
 @pytest.mark.parametrize("slope", [(3.2, 0.0), (0.0, -1.4)])
@@ -120,7 +115,7 @@ def test_times_of_frames_and_waves_at_them(
     fps: float, kept: float, digits: int, port: Port
 ) -> None:
     """The times are rounded, and some frames are missing."""
-    rng, module = np.random.default_rng(9), port("pilots/waves.js")
+    rng, module = np.random.default_rng(9), port("receiver/pilots/waves.js")
     seconds = np.round(np.flatnonzero(rng.random(60) < kept) / fps, digits)
     seconds -= seconds[0]
     at = [position(second, fps) for second in seconds]
@@ -162,7 +157,7 @@ def test_corners_move_by_parts_of_a_display(
     known = coarse_shift(
         change, pilots_alone(FINE, (FINE.cols, FINE.rows)).astype(np.float64), FINE, far=far
     )
-    blocks = port(EVIDENCE_JS).expectedChanges(FINE)
+    blocks = port("link/pilots.js").expectedChanges(FINE)
     found = module.coarseShift(complex_plane(change), blocks, FINE, far)
     assert (found is None) == (known is None)
     if known is not None:
@@ -191,13 +186,13 @@ def test_corners_move_by_all_blocks(
     layout: Layout, period: int, slope: float, noise: float, port: Port
 ) -> None:
     """Corners are off by less than a block."""
-    module, run = port("pilots/search/allBlocks.js"), port("link/code/steps.js").runToEnd
+    module, run = port("receiver/pilots/search/allBlocks.js"), port("link/code/steps.js").runToEnd
     off = np.array([[2.0, -1.0], [-1.5, 1.0], [1.0, 2.0], [-1.0, -2.0]])
     views = block_views(layout, off, 5 * period, period, slope=slope, noise=noise)
     at = [number + 0.25 * (number % 3 == 0) for number in range(len(views))]
     maps = module.blockMaps(layout)
     assert maps.size == list(views.shape[:0:-1])
-    toggling = port("pilots/toggling.js").Wave(1 / period)
+    toggling = port("receiver/pilots/toggling.js").Wave(1 / period)
     ported = run(module.blockFitSteps(maps, list(views), at, toggling))
     fit = run_to_end(block_fit(block_maps(layout), views, at, Wave(1 / period)))
     same(ported.changes, fit.changes, within.PILOT_CHANGE)
@@ -211,9 +206,9 @@ def test_corners_move_by_all_blocks(
 
 @pytest.mark.parametrize("k", [-0.1, 0.05, 0.0])
 def test_all_blocks_tell_how_a_lens_bends_the_display(port: Port, k: float) -> None:
-    module, run = port("pilots/search/allBlocks.js"), port("link/code/steps.js").runToEnd
+    module, run = port("receiver/pilots/search/allBlocks.js"), port("link/code/steps.js").runToEnd
     views, at = block_views(FINE, np.zeros((4, 2)), 16, 4, k=k), list(range(16))
-    toggling = port("pilots/toggling.js").Wave(0.25)
+    toggling = port("receiver/pilots/toggling.js").Wave(0.25)
     ported = run(module.blockFitSteps(module.blockMaps(FINE), list(views), at, toggling))
     fit = run_to_end(block_fit(block_maps(FINE), views, at, Wave(0.25)))
     fit.free_lens(BENT_CORNERS, BENT_SIZE)
@@ -239,7 +234,10 @@ def test_what_toggles_is_mapped_and_outlined(port: Port) -> None:
     rng = np.random.default_rng(4)
     room = 100 + 20 * texture((200, 300), 5)
     signs = cv2.resize(rng.choice([-1.0, 1.0], (24, 32)), (128, 96), interpolation=0)
-    toggle_map, ported = ToggleMap(), port("pilots/search/toggleMap.js").ToggleMap(300, 200)
+    toggle_map, ported = (
+        ToggleMap(),
+        port("receiver/pilots/search/toggleMap.js").ToggleMap(300, 200),
+    )
     for number in range(24):
         if number < 10:
             assert ported.outline(0.25) is None
@@ -263,7 +261,7 @@ def test_what_toggles_is_mapped_and_outlined(port: Port) -> None:
 
 def motion_of_the_middle(port: Port, *begun: object) -> tuple[float, float]:
     """How far the page sees a picture move, pixels to the right, and the share of its points."""
-    stabiliser = port("pilots/stabilise.js").Stabiliser(moving_picture(0), *begun)
+    stabiliser = port("receiver/pilots/stabilise.js").Stabiliser(moving_picture(0), *begun)
     H = stabiliser.follow(moving_picture(6))
     return transform(H.reshape(3, 3), np.array([[320.0, 320.0]]))[0, 0] - 320, stabiliser.share
 
@@ -289,7 +287,7 @@ def test_frames_are_held_still(port: Port) -> None:
     frames = [cv2.warpPerspective(wide, move, (960, 540)) for move in moves]
     frames.append(np.full((540, 960), 90, np.uint8))
     stabiliser = Stabiliser(frames[0])
-    ported = port("pilots/stabilise.js").Stabiliser(frames[0])
+    ported = port("receiver/pilots/stabilise.js").Stabiliser(frames[0])
     motions = [stabiliser.follow(frame) for frame in frames]
     assert motions[3] is None
     for frame, H in zip(frames, motions, strict=True):

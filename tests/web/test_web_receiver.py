@@ -10,20 +10,20 @@ from pilot_films import TEXT, beside_print, robust_film, texture
 from port import differences, same
 from streams import Stream, states_of
 
-from export.pilots.clock import DisplayClock
-from export.receive.diagnosis import Observations, explain_silence
-from export.receive.reading.states import (
+from export.runtime import Decoder
+from link.clock import DisplayClock
+from link.layout import make_layout
+from link.presets import PRESETS
+from models import PRETRAINED, PRETRAINED_PILOTS
+from receiver.diagnosis import Observations, explain_silence
+from receiver.reading.states import (
     RectifiedFrame,
     block_purity,
     compose_state,
     points_in_view,
 )
-from export.receive.receiver import Receiver
-from export.receive.timing.synchronise import Toggling
-from export.runtime import Decoder
-from link.layout import make_layout
-from link.presets import PRESETS
-from models import PRETRAINED, PRETRAINED_PILOTS
+from receiver.receiver import Receiver
+from receiver.timing.synchronise import Toggling
 
 OUTSIDE = np.array([[-30.0, 10.0], [600.0, -20.0], [640.0, 470.0], [20.0, 430.0]])
 """Corners of a display that lies partly outside an image of 640 x 480."""
@@ -41,7 +41,7 @@ LAYOUTS = [make_layout(*grid, 512, 384) for grid in ((8, 8), (24, 32), (16, 16),
 @pytest.mark.parametrize("name", CLOCKS)
 def test_states_are_put_together_as_by_python(port, name):
     clock, numbers, seed = CLOCKS[name]
-    rng, module = np.random.default_rng(seed), port("receive/reading/states.js")
+    rng, module = np.random.default_rng(seed), port("receiver/reading/states.js")
     frames = [
         RectifiedFrame(
             number / 30 + 0.2,
@@ -50,7 +50,7 @@ def test_states_are_put_together_as_by_python(port, name):
         )
         for number in range(12)
     ]
-    ported_clock = port("pilots/clock.js").DisplayClock(*astuple(clock))
+    ported_clock = port("link/clock.js").DisplayClock(*astuple(clock))
     ported = [
         {"time": frame.time, "rectified": frame.rectified, "inView": frame.in_view}
         for frame in frames
@@ -72,7 +72,7 @@ def test_states_are_put_together_as_by_python(port, name):
 
 
 def test_points_in_view(port):
-    points = port("receive/reading/states.js").pointsInView
+    points = port("receiver/reading/states.js").pointsInView
     same(points(OUTSIDE.tolist(), 640, 480), points_in_view(OUTSIDE, (480, 640)))
     inside = [[0, 0], [99, 0], [99, 99], [0, 99]]
     assert points(inside, 100, 100) is None
@@ -108,7 +108,7 @@ SILENCES = [
 def test_silence_is_explained_in_the_words_of_python(port, seen):
     toggling = seen.toggling and {**asdict(seen.toggling), "stateHz": seen.toggling.state_hz}
     ported = {**asdict(seen), "stateHz": seen.state_hz, "toggling": toggling}
-    found = port("receive/diagnosis.js").explainSilence(ported)
+    found = port("receiver/diagnosis.js").explainSilence(ported)
     assert found == page_words(explain_silence(seen))
 
 
@@ -197,11 +197,11 @@ def bits_alike(scores, others):
 def test_a_film_is_read_as_by_python(film, port):
     frames = film()
     decoders = [Decoder(model, threads=1, time_limit_s=60) for model in MODELS.values()]
-    receiver, module = Receiver(decoders, 30.0), port("decoder.js")
+    receiver, module = Receiver(decoders, 30.0), port("export/decoder.js")
     ported_decoders = [
         module.Decoder(PRESETS[name].layout, model.read_bytes()) for name, model in MODELS.items()
     ]
-    ported = port("receive/receiver.js").Receiver(ported_decoders, 30)
+    ported = port("receiver/receiver.js").Receiver(ported_decoders, 30)
     known, message = read(receiver, frames, "state_hz")
     found, page_message = read(ported, frames, "stateHz")
     assert (message is None) == (film is empty_film)
@@ -222,5 +222,5 @@ def test_a_film_is_read_as_by_python(film, port):
                 assert bits_alike(scores, decoded) > BITS_ALIKE, f"frame {number}"
     assert not worse or np.median(worse) < within.CORNERS_WORSE_PX  # some frames follow the print
     if message is None:
-        silence = port("receive/diagnosis.js").explainSilence(ported.observations)
+        silence = port("receiver/diagnosis.js").explainSilence(ported.observations)
         assert silence == page_words(explain_silence(receiver.observations))

@@ -1,4 +1,4 @@
-"""The page that sends makes the loops of export.send, and says what is wrong with its input."""
+"""The page that sends makes the loops of sender, and says what is wrong with its input."""
 
 import base64
 import json
@@ -19,12 +19,6 @@ from playwright.sync_api import Browser, Page
 from port import Port, same
 from web_films import write_film
 
-from export.receive.decoders import open_decoders
-from export.receive.stream import EventStream
-from export.send.player import write_player
-from export.web.demo import MESSAGE
-from export.web.site import WEB
-from export.web.tables import send_preset
 from lab.films.browser import serve_folder, text_of
 from link.code.authenticate import Verifier, sign
 from link.code.framing import encode, longest_message
@@ -34,6 +28,12 @@ from link.loop import Loop
 from link.presets import PRESETS
 from link.strength import block_steps
 from link.types import Image
+from receiver.decoders import open_decoders
+from receiver.stream import EventStream
+from sender.player import write_player
+from web.host.demo import MESSAGE
+from web.host.site import WEB
+from web.host.tables import send_preset
 
 KEY = bytes(range(32))
 PACKED = ("offsets", "patches", "pictures", "steps")
@@ -94,7 +94,7 @@ def test_loops_are_those_of_python(
     write_player(tmp_path / "player.html", loop, preset.state_hz, table["loop"]["flicker"])
     given = {"width": size[0], "height": size[1], "data": drawn.reshape(-1)}
     content = {"data": message, "signed": signed}
-    found = vars(port("send/loop.js").makeLoop(table, content, given))
+    found = vars(port("sender/loop.js").makeLoop(table, content, given))
     assert unpacked(found) == sent_loop(tmp_path / "player.html")
 
 

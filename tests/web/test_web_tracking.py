@@ -7,13 +7,13 @@ from numpy.typing import NDArray
 from port import Port, same
 from tolerances import CORNERS_PX, DECODED_PX, FOLLOWED_PX
 
-from export.pilots.signal import pilot_signs
-from export.receive.tracking.corners import CornerShift
-from export.receive.tracking.follow import Follower
 from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import Layout, make_layout
+from link.pilots import pilot_signs
 from link.ratex import draw_patches
 from link.types import Array, Image
+from receiver.tracking.corners import CornerShift
+from receiver.tracking.follow import Follower
 
 PATCHES = make_layout(8, 8, 256, 192)
 PILOTS = make_layout(12, 16, 256, 192, modulation="antipodal", pilots="auto")
@@ -72,7 +72,7 @@ def test_displays_are_followed_as_in_python(port: Port, name: str) -> None:
     """In ten frames of a hand-held camera."""
     layout, corners, unchanged = FOLLOWED[name]
     follower = Follower(layout)
-    ported = port("receive/tracking/follow.js").Follower(layout)
+    ported = port("receiver/tracking/follow.js").Follower(layout)
     images = [
         filmed(picture(layout, int(number > unchanged)), hand(corners, number), number)
         for number in range(11)
@@ -109,7 +109,7 @@ def test_corners_move_to_where_decoded_blocks_lie(port: Port) -> None:
     """
     rng, layout = np.random.default_rng(3), FINE
     shifts = CornerShift(layout)
-    ported = port("receive/tracking/corners.js").CornerShift(layout)
+    ported = port("receiver/tracking/corners.js").CornerShift(layout)
     H = np.array([[1.004, 0.002, 1.5], [-0.001, 0.997, -1.0], [1e-5, 0, 1]])
     size = layout.width, layout.height
     corners, moves = frame_corners(*size), []

@@ -6,12 +6,12 @@ import pytest
 from conftest import cases
 from port import Port, same
 
-from export.receive.reading.occlusion import Occlusion
-from export.receive.reading.unseen import fill_unseen, unseen_blocks
-from export.receive.repeats import Repeats
 from link.layout import make_layout
 from link.ratex import draw_patches
 from link.types import Array, Image
+from receiver.reading.occlusion import Occlusion
+from receiver.reading.unseen import fill_unseen, unseen_blocks
+from receiver.repeats import Repeats
 
 PATCHES = make_layout(9, 11, 250, 190)
 """Blocks and tiles of unequal sizes."""
@@ -41,7 +41,7 @@ HIDING = {
 @pytest.mark.parametrize("name", HIDING)
 def test_unseen_blocks_are_filled(port: Port, name: str) -> None:
     layout, cut, hand = HIDING[name]
-    images, module = [], port("receive/reading/unseen.js")
+    images, module = [], port("receiver/reading/unseen.js")
     for embedded in (False, True):
         shown = smooth(layout.height, layout.width, 1).astype(np.uint8)
         draw_patches(shown, layout, 3, embedded=embedded)
@@ -61,7 +61,7 @@ def test_unseen_blocks_are_filled(port: Port, name: str) -> None:
 
 def test_covered_blocks_are_found(port: Port) -> None:
     """A hand passes by, the light changes, and then the picture."""
-    occlusion, ported = Occlusion(PATCHES), port("receive/reading/occlusion.js").Occlusion(PATCHES)
+    occlusion, ported = Occlusion(PATCHES), port("receiver/reading/occlusion.js").Occlusion(PATCHES)
     is_covered = []
     for number in range(14):
         shown = smooth(PATCHES.height, PATCHES.width, int(number > 11)) * (1 + 0.03 * number)
@@ -83,7 +83,7 @@ def test_repeated_frames_are_recognised(
     numbers = (0, 1, 2, 3, 4, 5, 6, 7, 7, 8, 9, 9, 10, 11, 11)
     film = [noisy(base + 3 * (number // 2 % 2), number, deviation) for number in numbers]
     corrected = np.clip(film[-1] + (np.arange(shape[1]) % 7 == 0), 0, 255).astype(np.uint8)
-    repeats, ported = Repeats(), port("receive/repeats.js").Repeats()
+    repeats, ported = Repeats(), port("receiver/repeats.js").Repeats()
     repeated = []
     for image in [*film, corrected, film[0][::-1, : shape[1] // 2].copy(), film[0]]:
         repeated.append(repeats.is_repeat(image))

@@ -11,15 +11,15 @@ from test_web_tracking import SIZE, WHOLE, hand, picture
 from test_web_tracking import filmed as photographed
 from tolerances import FOLLOWED_PX, FOUND_PX, MOVED_PX, PILOTS_CLOSE_PX
 
-from export.locate.find import is_at
-from export.receive.tracking.patches import ASIDE_S, Tracker
-from export.receive.tracking.pilots import CHECK_EVERY, PATIENCE, PilotTracker
 from link.layout import make_layout
+from receiver.locate.find import is_at
+from receiver.tracking.patches import ASIDE_S, Tracker
+from receiver.tracking.pilots import CHECK_EVERY, PATIENCE, PilotTracker
 
 PATCHES = make_layout(8, 8, 256, 192)
 STILL, MOVING = 6, 8
 """Numbers of frames at first, and after that with a camera that moves."""
-PATCHES_JS, PILOTS_JS = "receive/tracking/patches.js", "receive/tracking/pilots.js"
+PATCHES_JS, PILOTS_JS = "receiver/tracking/patches.js", "receiver/tracking/pilots.js"
 
 
 @pytest.mark.slow

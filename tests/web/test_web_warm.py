@@ -2,9 +2,9 @@
 
 import pytest
 
-from export.web.site import WARM_PRESET
-from export.web.warm import draw_warm_film
 from link.presets import PRESETS
+from web.host.site import WARM_PRESET
+from web.host.warm import draw_warm_film
 
 
 def warm_film():
@@ -14,8 +14,8 @@ def warm_film():
 
 @pytest.mark.slow
 def test_frame_pairs_are_decoded(port) -> None:
-    assert port("receive/warm.js").warmUp(warm_film()) >= 2
+    assert port("receiver/warm.js").warmUp(warm_film()) >= 2
 
 
 def test_nothing_is_read_when_there_is_no_time(port) -> None:
-    assert port("receive/warm.js").warmUp(warm_film(), 0) == 0
+    assert port("receiver/warm.js").warmUp(warm_film(), 0) == 0

@@ -1,0 +1,1 @@
+"""The decoder that needs neither ratex patches nor κ."""

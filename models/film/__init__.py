@@ -1,0 +1,1 @@
+"""The decoder of windows of film, all frames and frame pairs together."""

@@ -1,0 +1,365 @@
+"""PhiDecoder: two rectified frames in, block scores and the fitted head out, in one graph."""
+
+from dataclasses import asdict
+
+import numpy as np
+import torch
+from numpy.polynomial import Legendre
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from link.errors import UnsuitedError
+from link.layout import Layout
+from link.ratex import SAMPLES, TILES, sample_grid, sample_position, tile_labels
+from models.paper.oorc import inverse_response
+from models.phi.config import CHANNELS, DecoderConfig
+from models.phi.phi import PhiPolynomial, legendre_from_powers, legendre_maps, power_maps
+from models.phi.reduce import Reduce
+from models.phi.refine import MOMENTS, table
+from models.phi.refine_pilots import TEXTURES, PilotRefiner
+from models.phi.refine_ratex import RatexRefiner
+from models.phi.register import channel_mean, derivatives, register
+from models.phi.solver import fit_head
+
+MARGIN = 1 / 6
+"""Share of a tile's side that ``train_on="area"`` leaves out at each end, where neighbouring tiles
+blur into it."""
+START_LOG_TEMPERATURE = 3.0
+"""Log temperature with which training starts a decoder that has no refinement: its margins are
+about 1, and log-likelihood ratios about 20."""
+
+
+class PhiDecoder(nn.Module):
+    """Optimal online radiometric calibration in torch, and what goes beyond it.
+
+    With the default configuration and untrained it is the twin of `models.paper.oorc`, the
+    method ``phi``: ridge 1, prior 0, C = 1. Training, the method ``learned``, changes what frame
+    pairs share: the ridge (which scales each feature) and the prior of the head, C, the spreads of
+    the refiner, and the temperature that turns scores into log-likelihood ratios. The head itself
+    is always fitted to the ratex patches, or else the pilots, of the frame pair at hand.
+
+    Args:
+        layout: grid of blocks and ratex patches that the frames show.
+        config: which parts the graph has.
+
+    Raises:
+        UnsuitedError: the layout has neither ratex patches nor pilots.
+
+    >>> from link.layout import make_layout
+    >>> layout = make_layout(rows=4, cols=4, width=64, height=48, ratex=2)
+    >>> decoder = PhiDecoder(layout, DecoderConfig())
+    >>> frames = torch.full((1, 3, 48, 64), 128, dtype=torch.uint8)
+    >>> scores, head = decoder(frames, frames)
+    >>> scores.shape, head.shape
+    (torch.Size([1, 14]), torch.Size([1, 5]))
+    """
+
+    def __init__(self, layout: Layout, config: DecoderConfig) -> None:
+        super().__init__()
+        if not layout.ratex and not layout.pilots:
+            raise UnsuitedError("it trains on ratex patches or pilots and the layout has none")
+        self.layout, self.config = layout, config
+        self.phi = PhiPolynomial(config.degree, config.drift_degree)
+        n_weights = self.phi.n_features + 1
+        self.log_ridge = nn.Parameter(torch.zeros(n_weights))
+        self.prior = nn.Parameter(torch.zeros(n_weights))
+        self.log_C = nn.Parameter(torch.zeros(()))
+        self.refiner: RatexRefiner | PilotRefiner | None = None
+        if config.refine and layout.ratex:
+            self.refiner = RatexRefiner(layout, config.refine, config.rows, config.space)
+        elif config.refine:
+            pixels = layout.width * layout.height / layout.message_mask.size / config.coarsen**2
+            self.refiner = PilotRefiner(layout, pixels, config.refine, config.rows, config.space)
+        else:
+            self.log_temperature = nn.Parameter(torch.zeros(()))
+        self.reduce = Reduce(CHANNELS[layout.colour][config.channels], config.coarsen)
+        # motion is looked for where pictures have most contrast, whatever colour carries the bits
+        self.guide: Reduce | None = None
+        if config.register and layout.colour != "gray":
+            self.guide = Reduce(CHANNELS["gray"][config.channels], config.coarsen)
+        # of higher powers than these, float32 keeps too few digits
+        self.by_powers = self.refiner is not None and config.degree <= MOMENTS
+        self._tabulate_samples()
+        self._tabulate_polynomials(config.degree if self.by_powers else MOMENTS)
+
+    def _tabulate_samples(self) -> None:
+        """Tabulate where training samples and message blocks lie, and the labels of the former."""
+        layout = self.layout
+        grid = sample_grid(layout)
+        # whole numbers in float64, which onnxruntime divides and rounds down quickest
+        self.tile = table(np.stack([grid.tile_y, grid.tile_x]).astype(np.float64))
+        self.step = table(np.stack([grid.step_y, grid.step_x]).astype(np.float64))
+        rows, row = np.unique(grid.tile_y[:: SAMPLES * SAMPLES], return_inverse=True)
+        cols, col = np.unique(grid.tile_x[:: SAMPLES * SAMPLES], return_inverse=True)
+        self.tile_rows, self.tile_cols = table(rows), table(cols)
+        self.tile_index = table(len(cols) * row + col)
+        self.rows, self.cols = table(np.arange(layout.rows)), table(np.arange(layout.cols))
+        self.pilot_index = table(layout.pilot_blocks)
+        self.message_index = table(layout.message_mask.reshape(-1).nonzero()[0])
+        known = tile_labels(layout).reshape(-1) if layout.ratex else layout.pilot_bits
+        repeats = SAMPLES * SAMPLES if layout.ratex and self.config.train_on == "pixel" else 1
+        self.labels = table(np.repeat(2.0 * known - 1, repeats))
+
+    def _tabulate_polynomials(self, degree: int) -> None:
+        """Tabulate how ``degree`` changes of powers, then `MOMENTS` powers, become polynomials."""
+        factors, constants = legendre_from_powers(MOMENTS)
+        both = np.zeros((degree + MOMENTS, degree + MOMENTS))
+        both[:degree, :degree] = factors[:degree, :degree]  # of the changes, then of the moments
+        both[degree:, degree:] = factors
+        self.factors = table(both)
+        self.constants = table(np.append(np.zeros(degree), constants)[:, None])
+
+    def forward(self, original: Tensor, embedded: Tensor) -> tuple[Tensor, Tensor]:
+        """Decode a batch of rectified frame pairs.
+
+        Args:
+            original: (B, 3, H, W) uint8, or float in [0, 255]; encoded RGB, any H and W of at
+                least 4 pixels a block.
+            embedded: (B, 3, H, W) uint8, or float in [0, 255]; encoded RGB.
+
+        Returns:
+            scores: (B, n_bits) float32, positive for bit 1, row-major over the message cells.
+            head: (B, n_features + 1) float32, weights of the features as they are, then the bias.
+        """
+        return self.solve_and_score(*self.summarise(original, embedded))
+
+    def summarise(self, original: Tensor, embedded: Tensor) -> tuple[Tensor, Tensor]:
+        """Compute all that comes before the first learned parameter.
+
+        F is the number of features. It is n_features without refinement. With refinement, the
+        terms P_k(i_o) go on up to k = MOMENTS if the drift terms end before that. With refinement
+        on pilots, five features of the picture's texture follow (`refine_pilots.STATISTICS`).
+
+        Args:
+            original: (B, 3, H, W) uint8, or float in [0, 255]; encoded RGB.
+            embedded: (B, 3, H, W) uint8, or float in [0, 255]; encoded RGB.
+
+        Returns:
+            known: (B, N, F) float64, features of the N training samples: ratex tiles, their pixels
+                or pilots.
+            blocks: (B, n_bits, F) float64, features averaged over message blocks.
+        """
+        return self.average(*self.pixel_maps(original, embedded))
+
+    def pixel_maps(self, original: Tensor, embedded: Tensor) -> tuple[Tensor, Tensor]:
+        """Compute the features and the weight of every pixel, of the registered frames.
+
+        Args:
+            original: (B, 3, H, W) uint8, or float in [0, 255]; encoded RGB.
+            embedded: (B, 3, H, W) uint8, or float in [0, 255]; encoded RGB.
+
+        Returns:
+            maps: (B, F, h, w) float32 features of the pixels that `Reduce` leaves, in the order of
+                `summarise`, but for the mean weight of a block's pixels, which comes last there.
+                With refinement, powers of 2 i - 1 stand in the places of Legendre polynomials.
+            weights: (B, 1, h, w) float32 weight of each pixel in its block's mean.
+        """
+        i_o, i_e = self.reduce(original), self.reduce(embedded)  # (B, C, h, w) each
+        on_pilots = isinstance(self.refiner, PilotRefiner)
+        if self.config.register or self.config.texture or on_pilots:
+            dx, dy, xx, yy = derivatives(i_o)
+        if self.config.register:
+            guide = (self.guide(original), self.guide(embedded)) if self.guide else None
+            i_e = register(i_o, i_e, xx, yy, guide)
+        parts = [channel_mean(each) for each in self._tones(i_o, i_e)]  # (B, 1, h, w) each
+        weights = torch.ones_like(parts[0])
+        if self.config.texture or on_pilots:
+            dx, dy = channel_mean(dx), channel_mean(dy)
+            steepness = dx * dx + dy * dy
+        if self.config.texture:
+            limit = (self.config.coarsen * self.config.texture) ** 2
+            weights = limit / (limit + steepness)
+        if on_pilots:
+            parts += [dx, dy, channel_mean(xx + yy), steepness]
+        return torch.cat(parts, dim=1), weights
+
+    def _tones(self, i_o: Tensor, i_e: Tensor) -> list[Tensor]:
+        """Compute the features that intensities alone make, each (B, C, h, w) as these are."""
+        if self.by_powers:
+            p_o, p_e = power_maps(i_o, MOMENTS), power_maps(i_e, self.config.degree)
+            return [o - e for o, e in zip(p_o, p_e, strict=False)] + p_o
+        maps: list[Tensor] = self.phi(i_o, i_e)
+        if self.refiner is not None:
+            maps += legendre_maps(i_o, MOMENTS)[self.config.drift_degree :]
+        return maps
+
+    def average(self, maps: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
+        """Average the features of pixels over training samples and message blocks.
+
+        Args:
+            maps: (B, F, h, w) features, from `pixel_maps`.
+            weights: (B, 1, h, w) weights of the pixels.
+
+        Returns:
+            what `summarise` returns.
+        """
+        on_pilots = isinstance(self.refiner, PilotRefiner)
+        means = self.as_legendre(self.block_means(maps, weights, with_weight=on_pilots))
+        blocks, pilots = (
+            means.index_select(2, index).transpose(1, 2).double()
+            for index in (self.message_index, self.pilot_index)
+        )
+        return self.ratex_samples(maps) if self.layout.ratex else pilots, blocks
+
+    def solve_and_score(self, known: Tensor, blocks: Tensor) -> tuple[Tensor, Tensor]:
+        """Fit each pair's head to its training samples and score its blocks.
+
+        Args:
+            known: (B, N, F) float64 features of the training samples, from `summarise`.
+            blocks: (B, n_bits, F) float64 features of the message blocks, from `summarise`.
+
+        Returns:
+            scores: (B, n_bits) float32, positive for bit 1.
+            head: (B, n_features + 1) float32, weights of the features, then the bias.
+        """
+        head = self._fit_head(known)
+        n = self.phi.n_features
+        scores = (blocks[..., :n] @ head[:, :-1].unsqueeze(-1)).squeeze(-1) + head[:, -1:]
+        if self.refiner is None:
+            scores = self.log_temperature.exp() * scores
+        elif isinstance(self.refiner, PilotRefiner):
+            scores = self.refiner(self.statistics(known), self.statistics(blocks))
+        else:
+            tiles = self.statistics(self._tile_means(known))
+            scores = self.refiner(tiles, self.statistics(blocks), scores)
+        return scores.float(), head.float()
+
+    def _fit_head(self, known: Tensor) -> Tensor:
+        """Fit the (B, n_features + 1) heads to features that are scaled to a mean square of 1."""
+        u = known[..., : self.phi.n_features]
+        scale = (u**2).mean(1).sqrt().clamp_min(1e-6)  # (B, n_features)
+        X = torch.cat([u / scale.unsqueeze(1), torch.ones_like(u[:, :, :1])], dim=-1)
+        ridge, prior = self.log_ridge.double().exp(), self.prior.double()
+        w = fit_head(X, self.labels, self.log_C.double().exp(), ridge, prior)
+        return torch.cat([w[:, :-1] / scale, w[:, -1:]], dim=-1)
+
+    def _tile_means(self, known: Tensor) -> Tensor:
+        """Average the features of training samples over each ratex tile: (B, tiles, F)."""
+        if self.config.train_on != "pixel":
+            return known
+        B, _, F = known.shape
+        return known.reshape(B, -1, SAMPLES * SAMPLES, F).mean(2)  # from (B, tiles 36, F)
+
+    def statistics(self, features: Tensor) -> Tensor:
+        """Pick the features that the refiner takes from all of `summarise`'s.
+
+        Args:
+            features: (B, N, F) float64 features of tiles or blocks.
+
+        Returns:
+            (B, N, 1 + MOMENTS): the change of intensity, i_e - i_o = (P_1(i_o) - P_1(i_e)) / -2,
+            then the moments P_k(i_o); on pilots the features of texture follow.
+        """
+        degree = self.config.degree
+        parts = [features[..., :1] / -2, features[..., degree : degree + MOMENTS]]
+        if isinstance(self.refiner, PilotRefiner):
+            parts.append(features[..., -TEXTURES:])
+        return torch.cat(parts, dim=-1)
+
+    def ratex_samples(self, maps: Tensor) -> Tensor:
+        """Take the training samples from feature maps: (B, F, H, W) to (B, N, F) float64.
+
+        The fit is small, and in float64 torch and onnxruntime agree on its active set.
+        """
+        height, width = maps.shape[-2:]
+        if self.config.train_on == "area":
+            rows = bin_mean(height, TILES * self.layout.rows, self.tile_rows, MARGIN, maps)
+            cols = bin_mean(width, TILES * self.layout.cols, self.tile_cols, MARGIN, maps)
+            means = (rows @ maps @ cols.T).flatten(2)  # (B, F, tile rows x tile cols)
+            return self.as_legendre(means.index_select(2, self.tile_index)).transpose(1, 2).double()
+        tiles = self.tile.new_tensor([[self.layout.rows * TILES], [self.layout.cols * TILES]])
+        length = torch.cat([self.tile.new_full((1, 1), n) for n in (height, width)])
+        y, x = torch.minimum(sample_position(self.tile, self.step, tiles, length), length - 1)
+        u = maps.flatten(2).index_select(2, (y * width + x).long()).double()  # (B, F, pixels)
+        if self.config.train_on == "tile":
+            u = u.reshape(u.shape[0], u.shape[1], -1, SAMPLES * SAMPLES).mean(3)
+        return self.as_legendre(u).transpose(1, 2)
+
+    def as_legendre(self, means: Tensor) -> Tensor:
+        """Turn means of powers into means of Legendre polynomials, where pixels have powers.
+
+        Args:
+            means: (B, F, N) means over pixels of the features of `pixel_maps`.
+
+        Returns:
+            (B, F, N) means of the features of `summarise`.
+        """
+        if not self.by_powers:
+            return means
+        n = len(self.constants)
+        sums = self.factors.to(means.dtype) @ means[:, :n] + self.constants.to(means.dtype)
+        return torch.cat([sums, means[:, n:]], dim=1)
+
+    def block_means(self, maps: Tensor, weights: Tensor, with_weight: bool) -> Tensor:
+        """Average feature maps over each block of the grid.
+
+        Args:
+            maps: (B, F, H, W) features.
+            weights: (B, 1, H, W) weight of each pixel.
+            with_weight: whether the mean weight of a block's pixels follows as one more feature.
+
+        Returns:
+            (B, F or F + 1, rows * cols) weighted means, row-major over the blocks.
+        """
+        height, width = maps.shape[-2:]
+        rows = bin_mean(height, self.layout.rows, self.rows, 0.0, maps)
+        cols = bin_mean(width, self.layout.cols, self.cols, 0.0, maps)
+        total = rows @ weights @ cols.T
+        means = (rows @ (maps * weights) @ cols.T) / total  # (B, F, rows, cols)
+        if with_weight:
+            means = torch.cat([means, total], dim=1)
+        return means.flatten(2)
+
+    def inverse_response(self, head: NDArray[np.float64]) -> Legendre:
+        """Read the inverse response g off the head of a frame pair.
+
+        Args:
+            head: (n_features + 1,) weights of the features, then the bias.
+
+        Returns:
+            g from captured intensities in [0, 1] to displayed ones. Its scale and offset mean
+            nothing, because the SVM leaves them free.
+        """
+        return inverse_response(head[: self.config.degree])
+
+    def for_layout(self, layout: Layout) -> "PhiDecoder":
+        """Build a decoder for another layout of the same kind that shares this one's parameters.
+
+        Args:
+            layout: with ratex patches if this decoder's layout has them, else with pilots.
+        """
+        other = type(self)(layout, self.config).to(self.log_C.device)
+        for name, parameter in self.named_parameters():
+            owner, _, leaf = name.rpartition(".")
+            setattr(other.get_submodule(owner), leaf, parameter)
+        return other
+
+    def to_config(self) -> dict[str, object]:
+        """Give layout and configuration, enough to rebuild the module for `load_state_dict`."""
+        return {"layout": self.layout.to_dict(), "decoder": asdict(self.config)}
+
+
+def bin_mean(length: int, count: int, bins: Tensor, margin: float, like: Tensor) -> Tensor:
+    """Make the matrix that averages the pixels of each bin along one axis.
+
+    A pixel counts by the share of it that lies inside, so every bin has some, however small.
+
+    Args:
+        length: number of pixels along the axis.
+        count: number of equal bins over them.
+        bins: (N,) indices of the bins that are averaged.
+        margin: share of a bin that is left out at each end, below 1/2.
+        like: tensor whose dtype and device the matrix gets.
+
+    Returns:
+        (N, length) weights, each row of which sums to 1.
+
+    >>> bin_mean(3, 2, torch.arange(2), 0.0, torch.zeros(1)).round(decimals=2)
+    tensor([[0.6700, 0.3300, 0.0000],
+            [0.0000, 0.3300, 0.6700]])
+    """
+    start = (bins.double().unsqueeze(1) + margin) * (length / count)
+    stop = (bins.double().unsqueeze(1) + (1 - margin)) * (length / count)
+    left = torch.arange(length, device=like.device)
+    inside = torch.minimum(left + 1, stop) - torch.maximum(left, start)
+    return (inside.clamp_min(0) / (stop - start)).to(like.dtype)

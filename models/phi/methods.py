@@ -1,0 +1,71 @@
+"""The torch decoder as a method: ``phi`` untrained, ``learned`` from a checkpoint."""
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+
+import torch
+
+from link.frames import Rectified, SoftBits
+from link.images import as_batch
+from link.layout import Layout
+from models import shipped_checkpoint
+from models.phi.checkpoint import load_checkpoint
+from models.phi.config import DecoderConfig
+from models.phi.decoder import PhiDecoder
+
+
+def decode_with(module: PhiDecoder, pair: Rectified) -> SoftBits:
+    """Decode one frame pair with a module that was built for the pair's layout."""
+    with torch.inference_mode():
+        frames = (torch.from_numpy(as_batch(frame)) for frame in (pair.original, pair.embedded))
+        scores, head = module(*frames)
+    return SoftBits(scores[0].double().numpy(), head[0].double().numpy())
+
+
+@lru_cache(maxsize=8)
+def _untrained(layout: Layout, config: DecoderConfig) -> PhiDecoder:
+    return PhiDecoder(layout, config).eval()
+
+
+@lru_cache(maxsize=8)
+def _trained(folder: Path, layout: Layout) -> PhiDecoder:
+    module = load_checkpoint(folder, layout)
+    return module.eval()
+
+
+@dataclass(frozen=True)
+class Phi:
+    """The torch decoder untrained, which is the twin of `models.paper.oorc.OORC`."""
+
+    config: DecoderConfig = field(default_factory=DecoderConfig)
+    """Configuration of the decoder's graph."""
+
+    def decode(self, pair: Rectified) -> SoftBits:
+        """Score every message block of a frame pair.
+
+        Raises:
+            UnsuitedError: the layout has neither ratex patches nor pilots.
+        """
+        return decode_with(_untrained(pair.layout, self.config), pair)
+
+
+@dataclass(frozen=True)
+class Learned:
+    """The torch decoder with the parameters that training shares across frame pairs."""
+
+    checkpoint: Path | None = None
+    """Folder with decoder.pt and config.json, such as runs/canon-lg; by default the shipped one for
+    the frame pair's layout."""
+
+    def decode(self, pair: Rectified) -> SoftBits:
+        """Score every message block of a frame pair, in natural log-likelihood ratios.
+
+        Raises:
+            InputError: a file of the checkpoint is missing or damaged.
+            UnsuitedError: the layout has neither ratex patches nor pilots.
+        """
+        return decode_with(self._module(pair.layout), pair)
+
+    def _module(self, layout: Layout) -> PhiDecoder:
+        return _trained(self.checkpoint or shipped_checkpoint(layout), layout)

@@ -1,0 +1,222 @@
+"""Find the lit display in a photograph: candidates first, then the ratex patches decide.
+
+Where the layout has ratex patches, these tell which candidate is the display, which way up it is,
+and where its corners are to sub-pixels. Without patches the likeliest candidate is taken.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from link.code.steps import Steps, run_to_end
+from link.images import as_gray
+from link.layout import Layout
+from link.types import Corners, Image
+from receiver.locate.candidates import (
+    LINES_WORK,
+    WORK_PX,
+    Located,
+    candidate_steps,
+    leaving_quads,
+    on_full_image,
+    small_copy,
+)
+from receiver.locate.patches import Pyramid, image_pyramid, search_patches
+from receiver.locate.quads import is_sound, upright
+from receiver.locate.refine import (
+    clipped_to_image,
+    corners_on_edges,
+    corners_on_patches,
+    needed_correlation,
+)
+from receiver.locate.spots import (
+    MAX_OUTSIDE,
+    corner_cells,
+    partial_quads,
+    spot_steps,
+    whole_quads,
+)
+
+SMALL_ERROR_PX = 2.0
+"""Error of a candidate's side, in pixels of the small copy; farther off, another edge may be
+stronger."""
+LIKELY = 6
+"""Number of candidates whose patches are sought before quadrilaterals are made from patches alone
+(`receiver.locate.spots`)."""
+SPOT_QUADS, PARTIAL_QUADS = 30, 8
+"""Largest numbers of quadrilaterals that are made from patches alone: of a display that is in view,
+and of one that is partly so."""
+ALL_TURNS = (0, 1, 2, 3)
+"""Quarter turns by which a quadrilateral's corner order may differ from the displayed picture's."""
+SURE_CORRELATION = 0.93
+"""Correlation of the patches at which no further candidate is tried."""
+PROMISING = 0.55
+"""Mean correlation of single patches near their places that is worth aligning: true displays had
+0.69 and more, turned ones up to 0.65."""
+LEAVING_QUADS = 6
+"""Largest number of quadrilaterals of lines that leave the image."""
+PROMISING_PARTLY = 0.65
+"""Mean correlation of the patches in view that is worth aligning where some are out of view."""
+REFINE_WORK, COMBINE_WORK = 20, 15
+"""Units of work (`link.code.steps`) of an alignment, and of combining patches."""
+SAME_PLACE = 0.15
+"""Mean distance of two displays' corners, as a share of the diagonal, below which they are at one
+place."""
+MAX_ASPECT = 40
+"""Largest ratio of an image's longer to its shorter side at which a display is sought; beyond it
+the small copy has fewer than 16 rows or columns."""
+MIN_SCORE = 0.04
+"""Smallest score of a display without patches. Photographs of the training split that show none
+score 0.011 at most; nine in ten simulated displays score more. Measured by
+`reports.lab.locate_weights` at the tag results-2026-11."""
+
+
+def locate(image: Image, layout: Layout | None = None) -> Located | None:
+    """Find the lit display in an image.
+
+    Args:
+        image: an `Image`.
+        layout: layout of what is displayed; its ratex patches tell the orientation.
+
+    Returns:
+        corners and score; None where nothing looks like a display, or shows the patches.
+
+    >>> photo = np.full((240, 320, 3), 100, np.uint8)
+    >>> photo[55:185, 75:245] = 20  # a black bezel
+    >>> photo[60:180, 80:240] = 200  # a lit display
+    >>> expected = [[79.5, 59.5], [239.5, 59.5], [239.5, 179.5], [79.5, 179.5]]
+    >>> bool(np.abs(locate(photo).corners - expected).max() < 0.5)
+    True
+    >>> locate(np.full((240, 320, 3), 100, np.uint8)) is None
+    True
+    """
+    return run_to_end(search_steps(image, layout))
+
+
+def is_at(corners: Corners, places: Sequence[Corners]) -> bool:
+    """Tell whether a display is at about one of some places, the same way up."""
+    apart = [np.linalg.norm(corners - place, axis=1).mean() for place in places]
+    diagonal = np.linalg.norm(corners[0] - corners[2])
+    return bool(min(apart, default=np.inf) < SAME_PLACE * diagonal)
+
+
+def search_steps(
+    image: Image, layout: Layout | None = None, partly: bool = True, avoid: Sequence[Corners] = ()
+) -> Steps[Located | None]:
+    """Find the lit display in an image step by step.
+
+    Args:
+        image: an `Image`; it must stay as it is until the end.
+        layout: layout of what is displayed; its ratex patches tell the orientation.
+        partly: whether a display that is partly in view, or whose patches are partly covered, is
+            sought, too.
+        avoid: pixels of displays with patches that are not to be found.
+
+    Returns:
+        what `locate` returns.
+    """
+    if max(image.shape[:2]) > MAX_ASPECT * min(image.shape[:2]):
+        return None
+    candidates = yield from candidate_steps(image)
+    if layout is None or not layout.ratex:
+        return _likeliest(image, candidates)
+    pyramid = image_pyramid(as_gray(image))
+    corners = [candidate.corners for candidate in candidates]
+    found = yield from _best_on_patches(image, pyramid, layout, corners[:LIKELY], ALL_TURNS, avoid)
+    if found is None and corner_cells(layout):
+        small, scale = small_copy(image)
+        gray = as_gray(small)
+        spots = yield from spot_steps(gray, layout)
+        quads = on_full_image(whole_quads(spots, layout, gray.shape, SPOT_QUADS), scale)
+        yield COMBINE_WORK
+        found = yield from _best_on_patches(
+            image, pyramid, layout, list(quads), ALL_TURNS[:1], avoid
+        )
+        if found is None and partly:
+            bent = on_full_image(partial_quads(spots, layout, gray.shape, PARTIAL_QUADS), scale)
+            yield COMBINE_WORK
+            found = yield from _best_partial(image, pyramid, layout, bent, avoid)
+    if found is None:
+        found = yield from _best_on_patches(
+            image, pyramid, layout, corners[LIKELY:], ALL_TURNS, avoid
+        )
+    if found is None and partly:
+        leaving = leaving_quads(image, LEAVING_QUADS)
+        yield LINES_WORK
+        found = yield from _best_on_patches(image, pyramid, layout, leaving, ALL_TURNS, avoid)
+    return found
+
+
+def _likeliest(image: NDArray[np.uint8], candidates: Sequence[Located]) -> Located | None:
+    """The first candidate, with its corners moved onto edges, or None where it is too unlikely."""
+    if not candidates or candidates[0].score < MIN_SCORE:
+        return None
+    gray = as_gray(image)
+    reach = SMALL_ERROR_PX * max(1.0, max(gray.shape) / WORK_PX)
+    corners = corners_on_edges(gray, candidates[0].corners, reach)
+    corners = clipped_to_image(corners, gray.shape)
+    return Located(upright(corners[None])[0], candidates[0].score)
+
+
+def _best_on_patches(
+    image: NDArray[np.uint8],
+    pyramid: Pyramid,
+    layout: Layout,
+    quads: Sequence[NDArray[np.float64]],
+    turns: tuple[int, ...],
+    avoid: Sequence[Corners],
+) -> Steps[Located | None]:
+    """Where the patches are seen best, or the first place where they surely are, or None."""
+    best: Located | None = None
+    for quad in quads:
+        turned = [np.roll(quad, -turn, axis=0) for turn in turns]
+        promise = [search_patches(pyramid, corners, layout)[0] for corners in turned]
+        work = len(turns)
+        for turn in np.argsort(promise)[::-1][:2]:
+            if promise[turn] < PROMISING:
+                continue
+            corners, seen = corners_on_patches(image, pyramid, turned[turn], layout)
+            work += REFINE_WORK
+            better = seen >= needed_correlation(layout) and (best is None or seen > best.score)
+            if better and not is_at(corners, avoid):
+                best = Located(corners, min(1.0, seen))
+        yield work
+        if best is not None and best.score >= SURE_CORRELATION:
+            break
+    return best
+
+
+def _best_partial(
+    image: Image,
+    pyramid: Pyramid,
+    layout: Layout,
+    bent: NDArray[np.float64],
+    avoid: Sequence[Corners],
+) -> Steps[Located | None]:
+    """Where the patches of a display that is partly in view are seen best, or None.
+
+    Args:
+        image: an `Image`.
+        pyramid: `receiver.locate.patches.image_pyramid` of its gray levels.
+        layout: layout with patches.
+        bent: (N, M, 4, 2) pixels, M guesses of the perspective of each of N quadrilaterals.
+        avoid: pixels of displays that are not to be found.
+    """
+    best: Located | None = None
+    for guesses in bent:
+        sound = guesses[np.isfinite(guesses).all(axis=(1, 2))]
+        sound = sound[is_sound(sound, image.shape[1], image.shape[0], MAX_OUTSIDE)]
+        promise = [search_patches(pyramid, corners, layout)[0] for corners in sound]
+        work = len(promise)
+        if promise and max(promise) >= PROMISING_PARTLY:
+            chosen = sound[int(np.argmax(promise))]
+            corners, seen = corners_on_patches(image, pyramid, chosen, layout)
+            work += REFINE_WORK
+            better = seen >= needed_correlation(layout) and (best is None or seen > best.score)
+            if better and not is_at(corners, avoid):
+                best = Located(corners, min(1.0, seen))
+        yield work
+        if best is not None:
+            break
+    return best

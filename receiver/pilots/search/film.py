@@ -1,0 +1,117 @@
+"""Frames of a film that are kept, and what they show of a display."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from link.geometry import homography_from_corners, rectify, resized_homography, transform
+from link.layout import Layout
+from link.types import Array, Corners, Gray, Homography
+from receiver.pilots.motion import GridMaps
+from receiver.pilots.stabilise import Tracks
+
+FAR_OUTSIDE = 0.5
+"""Share of the image's size by which a corner may lie outside of it."""
+LEAST_AREA = 0.005
+"""Smallest share of the image that a display covers."""
+
+
+@dataclass(frozen=True, eq=False)
+class HeldFrame:
+    """A frame that is held still: how what it shows has moved since a reference frame.
+
+    A camera that moves sideways sees what is near move farther than what is behind it (parallax).
+    So a display is held still by the points within it, and only where they do not suffice, by the
+    room.
+    """
+
+    gray: Gray
+    """(H, W) uint8."""
+    H_image_from_reference: Homography
+    """Homography: where most points of the reference lie in it."""
+    at: float
+    """Its position since the reference (`receiver.pilots.waves.position`)."""
+    time: float
+    """When it was taken, seconds."""
+    tracks: Tracks | None = None
+    """Points of the reference that were found again in it; None to go by the room alone, because
+    pictures may move."""
+
+    def corners(self, corners: Corners) -> Corners:
+        """Find where a display lies.
+
+        Args:
+            corners: pixels of the reference frame.
+
+        Returns:
+            pixels of this frame.
+        """
+        own = None if self.tracks is None else self.tracks.motion_within(corners)
+        return transform(self.H_image_from_reference if own is None else own, corners)
+
+    def view(self, corners: Corners, layout: Layout) -> Gray | None:
+        """Rectify a display to the layout's size.
+
+        Args:
+            corners: pixels of the reference frame.
+            layout: layout of the display.
+
+        Returns:
+            (height, width) uint8, or None where the corners make no sound quadrilateral near the
+            image.
+        """
+        H = self._homography(corners, layout)
+        return None if H is None else rectify(self.gray, H, layout.width, layout.height)
+
+    def block_view(self, corners: Corners, maps: GridMaps) -> Gray | None:
+        """Rectify a display with what lies around it to the size of maps of its blocks.
+
+        Args:
+            corners: pixels of the reference frame.
+            maps: maps of the display's layout.
+
+        Returns:
+            uint8 of ``maps.size``, or None where the corners make no sound quadrilateral near the
+            image.
+        """
+        H = self._homography(corners, maps.layout)
+        if H is None:
+            return None
+        shrunk = maps.layout.width // maps.inner[0]
+        H_map_from_fine = resized_homography(1 / shrunk, 1 / shrunk)
+        width, height = (shrunk * side for side in maps.size)
+        fine = rectify(self.gray, H @ maps.to_layout() @ H_map_from_fine, width, height)
+        return np.asarray(cv2.resize(fine, maps.size, interpolation=cv2.INTER_AREA), np.uint8)
+
+    def _homography(self, corners: Array, layout: Layout) -> Homography | None:
+        """Find where pixels of a display lie here; None where its corners are not sound."""
+        quad = self.corners(corners)
+        size = np.array(self.gray.shape[::-1])
+        if not ((quad > -FAR_OUTSIDE * size).all() and (quad < (1 + FAR_OUTSIDE) * size).all()):
+            return None
+        outline = np.asarray(quad, np.float32)
+        least = LEAST_AREA * self.gray.size
+        if not cv2.isContourConvex(outline) or cv2.contourArea(outline) < least:
+            return None
+        return homography_from_corners(quad, layout.width, layout.height)
+
+
+def positions(frames: Sequence[HeldFrame]) -> list[float]:
+    """List the frames' positions since the reference."""
+    return [frame.at for frame in frames]
+
+
+def rectified_views(
+    corners: Array, layout: Layout, frames: Sequence[HeldFrame], size: tuple[int, int]
+) -> NDArray[np.float32] | None:
+    """Rectify all frames to maps of a size, (frames, h, w); None where corners are not sound."""
+    views = []
+    for frame in frames:
+        view = frame.view(corners, layout)
+        if view is None:
+            return None
+        views.append(cv2.resize(view, size, interpolation=cv2.INTER_AREA))
+    return np.array(views, np.float32)

@@ -1,0 +1,151 @@
+"""Find a display by its pilots, over some frames of a film: nothing visible marks it.
+
+A search looks at a window of some tenths of a second (`window_search`). While it does, the frames
+of the next window are watched, so that a display which comes late need not wait for its end.
+
+Where something toggled like a display and none was sure, the next window takes the picture for one
+that moves, as a video does, and holds the room still alone. The work is cut into steps, one or two
+for each frame, so that no frame takes long.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import ceil
+
+from link.clock import DisplayClock
+from link.errors import InputError
+from link.images import as_gray
+from link.layout import Layout
+from link.pilot_code import PLAIN
+from link.types import Corners, Image
+from receiver.pilots.search.film import HeldFrame
+from receiver.pilots.search.settle import Settled
+from receiver.pilots.search.watch import NEXT_FRAME, Watch
+from receiver.pilots.search.window_search import ANY_TURN, Search, WindowSearch
+
+WINDOWS = 2
+"""Largest number of windows in which a display is looked for at once: in one, while the next one is
+watched."""
+STEPS_HZ = 60.0
+"""Number of steps of the search that are done in a second, at least: the frames of a slow camera
+leave time for several. What is proposed late takes half of them."""
+
+
+@dataclass(frozen=True)
+class PilotDisplay:
+    """A display that its pilots have given away."""
+
+    layout: Layout
+    """Layout that it shows, one of those that were looked for."""
+    corners: Corners
+    """Pixels of the newest frame, from the top left of the displayed picture on."""
+    first_corners: Corners
+    """Pixels of the frame with which the search began."""
+    k: float
+    """Coefficient of the lens (`link.geometry.Lens`)."""
+    clock: DisplayClock | None
+    """When the display shows which state, where its code tells; the camera's time, in seconds."""
+    held: tuple[HeldFrame, ...]
+    """The frames before the newest one, from the oldest on, of those that are kept."""
+
+
+class PilotSearch:
+    """Looks for a display that shows one of several layouts with pilots.
+
+    Args:
+        layouts: layouts that are looked for, at least one, each with pilots.
+        fps: nominal number of frames of the camera in a second; some may be missing.
+
+    Raises:
+        InputError: a layout has no pilots.
+    """
+
+    def __init__(self, layouts: Sequence[Layout], fps: float = 30.0) -> None:
+        if not layouts or any(layout.pilots == 0 for layout in layouts):
+            raise InputError("layouts: need at least one, each with pilots")
+        self.layouts, self._fps = tuple(layouts), fps
+        self._steps = max(1, round(STEPS_HZ / fps))
+        self._coded = any(layout.code != PLAIN for layout in layouts)
+        self.picture_moves = False
+        """Whether the picture moves of the display that was found; before one is, whether pictures
+        move in the next window."""
+        self._failed = 0
+        # steps hold their window, which knows nothing of them: it is freed where it is dropped
+        self._windows: dict[WindowSearch, Search] = {}
+
+    def push(self, image: Image, time: float) -> PilotDisplay | None:
+        """Take the next frame.
+
+        Args:
+            image: an `Image`.
+            time: time of the frame, seconds; rising from frame to frame.
+
+        Returns:
+            the display once it is sure, else None.
+        """
+        gray = as_gray(image)
+        for window in tuple(self._windows):
+            if not window.watch.take(gray, time):
+                self._give_up(window)
+        if len(self._windows) < WINDOWS and all(w.is_late for w in self._windows):
+            self._begin(image, time)
+        left = self._steps
+        for window in sorted(self._windows, key=lambda w: (w.is_late, not w.waiting)):
+            if window.is_late:
+                left = ceil(left / 2)
+            while left > 0:
+                try:
+                    work = next(self._windows[window])
+                except StopIteration as end:
+                    return self._ended(end.value, window)
+                if work == NEXT_FRAME:
+                    break
+                left -= work
+        return None
+
+    def doubt_picture(self) -> None:
+        """Take the picture for one that moves, or no longer for one, from the next search on."""
+        self.picture_moves = not self.picture_moves
+
+    def _begin(self, image: Image, time: float) -> None:
+        """Begin a window with a frame.
+
+        After one in vain, windows of coded displays are longer, and what is proposed late is tried
+        upright and sideways by turns.
+        """
+        number = self._failed + len(self._windows)
+        watch = Watch(
+            image,
+            time,
+            self._fps,
+            picture_moves=self.picture_moves or any(w.is_doubtful for w in self._windows),
+            longer=2 if number and self._coded else 1,
+        )
+        turns = (ANY_TURN[(number - 1) % 2],) if number else ANY_TURN
+        window = WindowSearch(watch, self.layouts, turns)
+        self._windows[window] = window.steps()
+        self.picture_moves = False
+
+    def _give_up(self, window: WindowSearch) -> None:
+        """Drop a window. Where something toggled in it like a display, the next picture moves."""
+        self._windows.pop(window, None)
+        if window.is_doubtful and not any(o.watch.picture_moves for o in self._windows):
+            self._windows, self.picture_moves = {}, True
+
+    def _ended(self, settled: Settled | None, window: WindowSearch) -> PilotDisplay | None:
+        """Say what was found in a window, and choose how the next one begins."""
+        watch = window.watch
+        if settled is None:
+            self._failed += 1
+            self._give_up(window)
+            return None
+        self._failed, self._windows, self.picture_moves = 0, {}, watch.picture_moves
+        proposal, (*held, newest) = settled.proposal, watch.held
+        return PilotDisplay(
+            layout=proposal.layout,
+            corners=newest.corners(proposal.corners),
+            first_corners=proposal.corners,
+            k=settled.k,
+            clock=proposal.toggling.clock_in_seconds(self._fps, watch.first.time),
+            held=tuple(held),
+        )

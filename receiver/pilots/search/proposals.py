@@ -1,0 +1,263 @@
+"""Where a display may be, what it may show, and how surely its pilots toggle there."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from link.code.steps import Steps
+from link.geometry import frame_corners, homography_from_corners, transform
+from link.layout import Layout
+from link.pilot_code import PLAIN
+from link.pilots import expected_changes, pilot_values, standing_out
+from link.types import Array, Corners, Gray
+from receiver.locate.candidates import display_candidates, leaving_quads
+from receiver.pilots.motion import moved_corners
+from receiver.pilots.search.film import HeldFrame, positions
+from receiver.pilots.search.parts import COARSE_SIZE, coarse_shift, rough_series, shifted_togglings
+from receiver.pilots.search.watch import Watch
+from receiver.pilots.toggling import TogglePattern, Wave, find_toggling
+
+CANDIDATES = 6
+"""Number of quadrilaterals that are made of the edges of an image."""
+BRIGHT_PX, DARK_PX = 13, 9
+"""Sides of the squares, in pixels of the map of what toggles, below which bright details of the
+picture are taken off before dark ones, and dark ones before bright ones."""
+LEAVING = 2
+"""Number of quadrilaterals of edges with a corner outside the image that are glanced at, too."""
+STRONGEST = 2
+"""Number of quadrilaterals, those of the strongest edges, that the pilots are fitted to before most
+others are glanced at; the strongest one of faint edges is another."""
+CLEAREST = 2
+"""Number of quadrilaterals, the clearest at a glance, that the pilots are fitted to at last."""
+FRAME_SHARE = 0.02
+"""Width of a frame around the display, as a share of the display's sides: edges may be those of the
+frame, so quadrilaterals within them are glanced at, too."""
+STATES_HZ = (15.0, 30.0, 60.0, 120.0)
+"""Numbers of states a second at which what toggles is outlined; where edges bound the display, it
+is found at any rate."""
+PROMISING = 9.0
+"""Evidence of a quadrilateral, before it pays, at which its corners are refined at once; without so
+much in a search in vain, there was probably no display to be seen."""
+
+
+PilotsSeen = list[list[NDArray[np.float32]]]
+"""For each frame, the values (pilots,) of each layout's pilots, upright and upside down."""
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """Where a display may be."""
+
+    corners: Corners
+    """Pixels of the reference frame; the displayed picture's top left comes first."""
+    layout: Layout
+    """What it may show."""
+    toggling: TogglePattern
+    """How it may toggle."""
+
+
+def weigh(
+    proposal: Proposal,
+    frames: Sequence[HeldFrame],
+    fps: float,
+    known: dict[HeldFrame, NDArray[np.float32]] | None = None,
+) -> tuple[float, TogglePattern]:
+    """Weigh a proposal by frames in full.
+
+    Args:
+        proposal: where a display may be, and what it may show.
+        frames: frames of the film.
+        fps: nominal number of frames of the camera in a second.
+        known: values of the proposal's pilots in frames by which it was weighed before; takes
+            those of the others.
+
+    Returns:
+        the evidence, before it pays for what was tried, and how its pilots toggle in the frames.
+    """
+    known = {} if known is None else known
+    for frame in frames:
+        if frame in known:
+            continue
+        view = frame.view(proposal.corners, proposal.layout)
+        if view is None:
+            return 0.0, proposal.toggling
+        known[frame] = pilot_values(view, proposal.layout)
+    values = [known[frame] for frame in frames]
+    return find_toggling(values, proposal.layout, positions(frames), fps)
+
+
+class Proposer:
+    """Proposes where the display may be in a film, and what it may show.
+
+    Quadrilaterals of edges in the reference are glanced at while frames are still being watched.
+    What toggles, faint edges and the pilots' fit propose others once all have been.
+
+    Args:
+        watch: the film, of which the reference frame has come.
+        layouts: those that may be shown.
+    """
+
+    def __init__(self, watch: Watch, layouts: Sequence[Layout]) -> None:
+        self._watch, self._layouts, self._fps = watch, layouts, watch.fps
+        finest = max(layouts, key=lambda layout: layout.rows * layout.cols)
+        self._finest = finest.cols, finest.rows
+        periods = (np.array(STATES_HZ) / 2 / watch.fps) % 1
+        self._frequencies = sorted({float(f) for f in np.minimum(periods, 1 - periods) if f > 0})
+        self._glances: dict[bytes, tuple[float, Proposal, Array]] = {}
+        self._kept: dict[tuple[bytes, int], PilotsSeen] = {}
+
+    def edges(self) -> Steps[list[Array]]:
+        """Propose quadrilaterals of edges, (4, 2) pixels of the reference, the strongest first."""
+        reference = self._watch.reference
+        within = [candidate.corners for candidate in display_candidates(reference, CANDIDATES)]
+        yield 2  # it took as long as two other steps
+        return [*within, *leaving_quads(reference, LEAVING)]
+
+    def faint_edges(self) -> Iterator[list[Array]]:
+        """Propose quadrilaterals in the mean of all frames, which has less noise than a frame.
+
+        Its histogram is made even, which shows the edges of dark pictures. It is looked at as it
+        is, and twice without details, such as letters or a map's streets, whose edges would hide
+        those of the display.
+
+        Yields:
+            quadrilaterals in each of them, (4, 2) pixels of the reference, the strongest first.
+        """
+        mean = np.asarray(self._watch.map.mean(), np.uint8)
+        bright_first = cv2.MORPH_OPEN, cv2.MORPH_CLOSE
+        for side, ways in ((1, ()), (BRIGHT_PX, bright_first), (DARK_PX, bright_first[::-1])):
+            even = np.asarray(cv2.equalizeHist(_without_details(mean, side, ways)), np.uint8)
+            found = display_candidates(even, CANDIDATES)
+            yield [self._watch.on_image(candidate.corners) for candidate in found]
+
+    def outlines(self) -> Steps[list[Array]]:
+        """Propose quadrilaterals, (4, 2) pixels of the reference, that bound what toggles."""
+        outlines = []
+        for frequency in self._frequencies:
+            outline = yield from self._watch.map.outline(frequency)
+            yield 1
+            if outline is not None:
+                outlines.append(self._watch.on_image(outline))
+        return outlines
+
+    def glance(
+        self, quad: Array, turns: Sequence[int], count: int | None = None
+    ) -> tuple[float, Proposal]:
+        """Weigh a quadrilateral by small views of what toggles in it.
+
+        Args:
+            quad: (4, 2) pixels of the reference frame.
+            turns: quarter turns after which it is weighed, upright and upside down.
+            count: as `Watch.places` takes it.
+
+        Returns:
+            the evidence, before it pays, and what it speaks for.
+        """
+        ways = []
+        for turn in turns:
+            values = self.pilots_seen(quad, turn, count)
+            ways.append(self._surest(np.roll(quad, -turn, axis=0), values, self._layouts))
+        surest = max(ways, key=lambda way: way[0])
+        self._glances[quad.tobytes()] = *surest, quad
+        return surest
+
+    def pilots_seen(self, quad: Array, turn: int, count: int | None = None) -> PilotsSeen:
+        """Measure what may be pilots in small views of a quadrilateral.
+
+        Of quadrilaterals that follow their own motion, what is measured in a frame is kept.
+
+        Args:
+            quad: (4, 2) pixels of the reference frame.
+            turn: number of quarter turns after which it is seen upright.
+            count: as `Watch.places` takes it.
+        """
+        key = quad.tobytes(), turn
+        values = self._kept.setdefault(key, []) if count is not None else []
+        places = self._watch.places(quad, count)
+        views = self._watch.map.views(places, *self._finest, turn, first=len(values))
+        values += [_pilots_in(view, self._layouts) for view in views]
+        return values
+
+    def glances(self) -> list[tuple[float, Proposal, Array]]:
+        """List what was seen last of each quadrilateral (`glance`), the clearest first."""
+        return sorted(self._glances.values(), key=lambda seen: -seen[0])
+
+    def surest_in(self, corners: Array, layouts: Sequence[Layout]) -> tuple[float, Proposal]:
+        """Choose the layout, upright or upside down, that is surest in small views of corners."""
+        views = self._watch.map.views(self._watch.places(corners), *self._finest)
+        return self._surest(corners, [_pilots_in(view, layouts) for view in views], layouts)
+
+    def _surest(
+        self, corners: Array, values: PilotsSeen, layouts: Sequence[Layout]
+    ) -> tuple[float, Proposal]:
+        """Choose the layout, upright or upside down, that is surest by pilots in the frames."""
+        at, found = positions(self._watch.frames[: len(values)]), []
+        for way, (layout, half) in enumerate(product(layouts, (0, 2))):
+            picked = [each[way] for each in values]
+            evidence, toggling = find_toggling(picked, layout, at, self._fps)
+            found.append((evidence, Proposal(np.roll(corners, -half, axis=0), layout, toggling)))
+        return max(found, key=lambda each: each[0])
+
+    def first_fit(self, quad: Array) -> Steps[Proposal | None]:
+        """Fit every layout, either side up, to a quadrilateral that may be far off, in steps.
+
+        Args:
+            quad: (4, 2) pixels of the reference frame.
+
+        Returns:
+            what fits best after a shift, or None where nothing does.
+        """
+        views = self._watch.map.views(self._watch.places(quad), *COARSE_SIZE).astype(np.float32)
+        at = positions(self._watch.frames)
+        waves = [Wave(frequency) for frequency in self._frequencies]
+        best: tuple[int, Proposal] | None = None
+        for layout in self._layouts:
+            plain = layout.code == PLAIN
+            series, blocks = rough_series(views, layout), expected_changes(layout)
+            ways: list[tuple[TogglePattern, NDArray[np.complex64]]] = []
+            if plain:
+                ways = [(wave, wave.amplitudes(series, at)) for wave in waves]
+            for turn, shown in ((0, blocks), (2, blocks[::-1, ::-1])):
+                if not plain:
+                    shifted = shifted_togglings(series, shown, layout, at, self._fps)
+                    ways = [(way, way.amplitudes(series, at)) for way in shifted]
+                for toggling, line in ways:
+                    fit = coarse_shift(line, shown, layout, far=True)
+                    if fit is not None and (best is None or fit[1] > best[0]):
+                        corners = np.roll(moved_corners(quad, fit[0], layout), -turn, axis=0)
+                        best = fit[1], Proposal(corners, layout, toggling)
+                if turn or not plain:  # clocks take time of their own
+                    yield 1
+        return None if best is None else best[1]
+
+
+def _pilots_in(view: Gray, layouts: Sequence[Layout]) -> list[NDArray[np.float32]]:
+    """Measure the pilots of each layout in a view, (pilots,) each, upright and upside down."""
+    values = []
+    for layout in layouts:
+        blocks = standing_out(view, layout).ravel()
+        values += [blocks[layout.pilot_blocks], blocks[::-1][layout.pilot_blocks]]
+    return values
+
+
+def _without_details(gray: Gray, side: int, ways: Sequence[int]) -> Gray:
+    """Take details off an image that are smaller than a square, by opening and closing."""
+    square = np.ones((side, side), np.uint8)
+    for way in ways:
+        gray = np.asarray(cv2.morphologyEx(gray, way, square), np.uint8)
+    return gray
+
+
+def inset(quad: Array, share: float) -> Array:
+    """Move the corners (4, 2) of a display inwards, along each of its sides by a share of it.
+
+    >>> outline = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 50.0], [0.0, 50.0]])
+    >>> inset(outline, 0.02).round(6).tolist()
+    [[2.0, 1.0], [98.0, 1.0], [98.0, 49.0], [2.0, 49.0]]
+    """
+    H_captured_from_unit = homography_from_corners(quad, 1, 1)
+    return transform(H_captured_from_unit, (1 - 2 * share) * frame_corners(1, 1))

@@ -1,0 +1,195 @@
+"""Move the corners of a proposal to where its pilots fit the grid, and say whether that is sure."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from link.code.steps import Steps
+from link.pilots import expected_changes
+from link.types import Array
+from receiver.pilots.motion import moved_corners
+from receiver.pilots.search.all_blocks import BlockFit, block_fit, block_maps
+from receiver.pilots.search.film import HeldFrame, positions, rectified_views
+from receiver.pilots.search.parts import COARSE_SIZE, MANY, coarse_shift
+from receiver.pilots.search.proposals import Proposal, weigh
+from receiver.pilots.search.watch import NEXT_FRAME, Watch
+from receiver.pilots.toggling import over_deviation
+
+SURE, SURE_SHARE = 16.0, 0.5
+"""Smallest evidence, after paying for everything that was tried, at which a display is found: the
+natural logarithm of one false alarm in some ten million searches. Few pilots cannot bring so much;
+for them it is this share of their number."""
+TRIALS = 1000
+"""Number of quadrilaterals, turns, layouts and rounds that a search may try, for which evidence
+pays."""
+CERTAIN, CERTAIN_SHARE = 35.0, 0.75
+"""Evidence from which on a display is believed at once, and the share of the number of pilots that
+is enough where it is less; below it, later frames must agree."""
+CONFIRMED = 9.0
+"""Evidence, before it pays for anything, that later frames must bring where they must agree."""
+LOOKS, EARLY = (0.5, 0.75, 1.0), 2.0
+"""Shares of the later frames after which it is seen whether they agree, and the evidence that must
+come on top before the last of them, because chance gets a try with each."""
+NEARLY = 0.5
+"""Share of the evidence needed from which on later frames are waited for, to be weighed too."""
+HINT = 6.0
+"""Evidence of a proposal, before it pays, at which its corners are refined once all frames were
+seen."""
+COARSE_ROUNDS, BLOCK_ROUNDS, LENS_ROUNDS = 5, 5, 20
+"""Largest number of times that corners are moved by parts of the display, by all of its blocks, and
+by these while the lens is found, too."""
+SETTLED_PX = 3.0
+"""Distance, in layout pixels, below which a coarse move is the last one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """A display that is sure."""
+
+    proposal: Proposal
+    """Where it is in the reference frame, and what it shows."""
+    k: float
+    """Coefficient of the lens (`link.geometry.Lens`); 0 where nothing speaks for another."""
+
+
+def settle(
+    proposal: Proposal,
+    evidence: float,
+    watch: Watch,
+) -> Steps[Settled | None]:
+    """Move corners to where the pilots fit the grid, step by step, and weigh what they bound.
+
+    A move by the pilots is kept only if they then toggle more surely: in a dark picture, parts may
+    have been matched amiss. What all blocks say of the corners is kept where the display is sure
+    there, too.
+
+    Args:
+        proposal: where a display may be.
+        evidence: evidence of the proposal in all frames so far, before it pays for anything.
+        watch: the film, of which there may be more after each step.
+
+    Returns:
+        None where it is not sure.
+    """
+    layout, frames = proposal.layout, list(watch.frames)
+    needed = min(SURE, SURE_SHARE * layout.pilots)
+    certain = min(CERTAIN, CERTAIN_SHARE * layout.pilots)
+    best, price = proposal, float(np.log(TRIALS))
+    moved = replace(best, corners=(yield from _by_parts(best, frames)))
+    now, _ = weigh(moved, frames, watch.fps)
+    yield 1
+    if now > evidence:
+        best, evidence = moved, now
+    if evidence < HINT:
+        return None
+    evidence -= price
+    used = len(watch.frames)
+    start, fit = best, (yield from _by_blocks(best, watch.frames[:used]))
+    yield 1
+    fitted = best if fit is None else _moved(best, fit)
+    known: dict[HeldFrame, NDArray[np.float32]] = {}
+    now, toggling = weigh(fitted, frames, watch.fps, known)
+    now -= price
+    yield 1
+    evidence = max(evidence, now)
+    if evidence < NEARLY * needed:
+        return None
+    if now >= NEARLY * needed:
+        best = fitted
+    else:
+        known = {}
+    if evidence < certain:  # corners were fitted to these frames; later ones must agree
+        for look in LOOKS:
+            while len(later := [*watch.frames[used:], *watch.later]) < look * watch.confirming:
+                yield NEXT_FRAME
+            agreed = weigh(best, later, watch.fps, known)
+            if agreed[0] < CONFIRMED + EARLY * (look < 1):
+                continue
+            if evidence < needed:  # all frames say more, unless some were worse than later ones
+                yield 1
+                together = weigh(best, [*frames, *later], watch.fps, known)
+                now, toggling = max(agreed, together, key=lambda weighed: weighed[0])
+                evidence = max(evidence, now - price - float(np.log(2)))
+                yield 1
+            if evidence >= needed:
+                break
+        else:
+            return None
+    k = 0.0
+    if best is fitted and fit is not None:
+        k = yield from _through_lens(fit, start, frames[0])
+        if k:
+            best, known = _moved(start, fit), {}
+    while not toggling.clear and len(watch.later) < watch.confirming:
+        yield NEXT_FRAME  # each frame that comes tells more of the clock
+        _, toggling = weigh(best, [*watch.frames, *watch.later], watch.fps, known)
+    return Settled(replace(best, toggling=toggling), k)
+
+
+def _by_parts(proposal: Proposal, frames: Sequence[HeldFrame]) -> Steps[Array]:
+    """Move corners, (4, 2) pixels of the reference frame, by parts of the display."""
+    layout, corners = proposal.layout, proposal.corners
+    for _ in range(COARSE_ROUNDS):
+        views = rectified_views(corners, layout, frames, COARSE_SIZE)
+        if views is None:
+            break
+        line = proposal.toggling.amplitudes(over_deviation(views), positions(frames))
+        fit = coarse_shift(line, expected_changes(layout), layout)
+        yield 1
+        if fit is None:
+            break
+        moved = moved_corners(corners, fit[0], layout)
+        far = float(np.linalg.norm(moved - corners, axis=1).max())
+        corners = moved
+        if fit[1] >= MANY and far < SETTLED_PX:
+            break
+    return corners
+
+
+def _by_blocks(proposal: Proposal, frames: Sequence[HeldFrame]) -> Steps[BlockFit | None]:
+    """Move corners by all blocks at once, to parts of a pixel; None where they are not sound."""
+    maps = block_maps(proposal.layout)
+    views = []
+    for frame in frames:
+        view = frame.block_view(proposal.corners, maps)
+        if view is None:
+            return None
+        views.append(view)
+    yield 1
+    fit = yield from block_fit(maps, views, positions(frames), proposal.toggling)
+    for _ in range(BLOCK_ROUNDS):
+        yield 1
+        if fit.step():
+            break
+    return fit
+
+
+def _through_lens(fit: BlockFit, start: Proposal, reference: HeldFrame) -> Steps[float]:
+    """Go on with a fit by all blocks, and find how the lens bends the display.
+
+    Args:
+        fit: a fit that began with the corners of ``start``.
+        start: proposal whose corners the fit moves.
+        reference: the reference frame.
+
+    Returns:
+        the coefficient of the lens; 0 where the lens bends the display by too little to tell.
+    """
+    height, width = reference.gray.shape
+    fit.free_lens(start.corners, (width, height))
+    for _ in range(LENS_ROUNDS):
+        ended = fit.step()
+        if not fit.bends():
+            return 0.0
+        if ended:
+            break
+        yield 1
+    return fit.k
+
+
+def _moved(proposal: Proposal, fit: BlockFit) -> Proposal:
+    """Move the corners of a proposal to where a fit by all blocks puts them."""
+    corners = moved_corners(proposal.corners, fit.shift(), proposal.layout)
+    return replace(proposal, corners=corners)

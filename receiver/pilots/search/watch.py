@@ -1,0 +1,119 @@
+"""Watch a film from a reference frame on: what a search for a display by its pilots looks at."""
+
+from collections import deque
+
+import numpy as np
+
+from link.geometry import in_image, transform
+from link.images import as_gray
+from link.types import Array, Corners, Gray, Image
+from receiver.pilots.search.film import HeldFrame
+from receiver.pilots.search.toggle_map import ToggleMap
+from receiver.pilots.stabilise import Stabiliser
+from receiver.pilots.waves import position
+
+WINDOW_S, LEAST_WINDOW, MOST_WINDOW = 0.4, 24, 48
+"""Time, in seconds, for which a room is watched before what toggles is outlined, and the smallest
+and the largest number of frames that are watched: quick cameras see more of less light."""
+IN_VIEW = 0.75
+"""Smallest share of the reference frame that must still be in view for a search to go on."""
+CHECKED = (np.indices((8, 8)).reshape(2, -1).T + 0.5) / 8  # (2, 8, 8) -> (64, 2)
+"""Places of the reference frame, x and y in [0, 1], that are looked for in the newest one."""
+NEXT_FRAME = 1000
+"""Units of work (`link.code.steps`) of a step of the search after which it needs a frame that has
+yet to come: more than there is room for. Any other step is one unit, or two where it takes long."""
+HELD_S, LEAST_HELD = 0.5, 35
+"""Time, in seconds, and smallest number of frames for which the newest frames are kept: a display
+that is found is read in them, too."""
+
+
+class Watch:
+    """Holds the frames of a film still against the camera's motion since a reference frame.
+
+    Args:
+        reference: the reference frame, an `Image`.
+        time: when it was taken, seconds.
+        fps: nominal number of frames of the camera in a second; some may be missing.
+        picture_moves: whether the room alone is held still, because a picture may move in it.
+        longer: number of times the usual number of frames that are watched.
+    """
+
+    def __init__(
+        self,
+        reference: Image,
+        time: float,
+        fps: float,
+        *,
+        picture_moves: bool,
+        longer: int = 1,
+    ) -> None:
+        self.reference, self.picture_moves = reference, picture_moves
+        gray = as_gray(reference)
+        self.first = HeldFrame(gray, np.eye(3), 0.0, time)
+        """The reference as a frame."""
+        usual = int(np.clip(round(WINDOW_S * fps), LEAST_WINDOW, MOST_WINDOW))
+        self.window, self.soon = longer * usual, usual // 2
+        """Number of frames that are watched, and number after which they are looked at first."""
+        self.frames: list[HeldFrame] = []
+        """Frames watched so far; none before the second frame of the film."""
+        self.confirming = 2 * self.window // 3
+        """Number of later frames that must agree with what is not certain."""
+        self.later: deque[HeldFrame] = deque(maxlen=self.confirming)
+        """The newest frames after those watched, no more than needed."""
+        self.held = deque([self.first], maxlen=max(LEAST_HELD, round(HELD_S * fps)))
+        """The newest frames of all."""
+        self.map = ToggleMap()
+        """What toggles in the frames watched."""
+        self.fps = fps
+        self._own: dict[bytes, list[Array]] = {}
+        self._stabiliser = Stabiliser(gray, far_apart=picture_moves)
+        self.on_copy, self.on_image = self._stabiliser.on_copy, self._stabiliser.on_image
+
+    def take(self, gray: Gray, time: float) -> bool:
+        """Hold the next frame still, and keep it where it still shows enough of the reference.
+
+        Args:
+            gray: the frame, of the reference's size.
+            time: when it was taken, seconds.
+
+        Returns:
+            whether it does.
+        """
+        H = self._stabiliser.follow(gray)
+        if H is None:
+            return False
+        size = np.array(self.reference.shape[1::-1])
+        seen = in_image(transform(H, CHECKED * size - 0.5), self.reference.shape)
+        if float(seen.mean()) < IN_VIEW:
+            return False
+        at = position(time - self.first.time, self.fps)
+        frame = HeldFrame(gray, H, at, time, self._stabiliser.tracks)
+        if not self.frames:  # now the film can be held still
+            self._add(self.first)
+        self.held.append(frame)
+        if len(self.frames) < self.window:
+            self._add(frame)
+        else:
+            self.later.append(frame)
+        return True
+
+    def _add(self, frame: HeldFrame) -> None:
+        """Watch a frame."""
+        self.frames.append(frame)
+        self.map.add(self._stabiliser.still(frame.gray, frame.H_image_from_reference), frame.at)
+
+    def places(self, corners: Corners, count: int | None = None) -> list[Array]:
+        """Find where corners in the reference lie, (4, 2) pixels of the map.
+
+        Args:
+            corners: pixels of the reference.
+            count: number of frames, from the first on, in which they follow their own motion: what
+                is nearer than a wall moves farther. None for one place, the room being held still.
+        """
+        if count is None:
+            return [self.on_copy(corners)]
+        places = self._own.setdefault(corners.tobytes(), [])
+        for frame in self.frames[len(places) : count]:
+            H_reference_from_image = np.asarray(np.linalg.inv(frame.H_image_from_reference))
+            places.append(self.on_copy(transform(H_reference_from_image, frame.corners(corners))))
+        return places[:count]

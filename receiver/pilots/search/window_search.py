@@ -1,0 +1,181 @@
+"""Look for a display in one window of a film: the frames that follow a reference frame.
+
+Edges and what toggles (`toggle_map`) propose where the display may be. Corners then move to where
+the pilots fit the grid, and the display is believed if its blocks toggle with the pilots' signs
+beyond doubt (`settle`). That also tells which way up it is and which of several grids it shows.
+"""
+
+from collections.abc import Sequence
+from itertools import product
+
+import numpy as np
+
+from link.code.steps import Steps
+from link.layout import Layout
+from link.types import Array
+from receiver.pilots.search.proposals import (
+    CANDIDATES,
+    CLEAREST,
+    FRAME_SHARE,
+    PROMISING,
+    STRONGEST,
+    Proposal,
+    Proposer,
+    inset,
+    weigh,
+)
+from receiver.pilots.search.settle import HINT, Settled, settle
+from receiver.pilots.search.watch import NEXT_FRAME, Watch
+
+GLANCES = 2
+"""Number of quadrilaterals that are glanced at in one step."""
+ANY_TURN = 0, 1
+"""Quarter turns after which quadrilaterals are tried upright and upside down, so that any of their
+sides may be up."""
+Search = Steps[Settled | None]
+"""Steps of the search, which end with the display that is sure, or None."""
+
+
+class WindowSearch:
+    """Looks for a display in the frames that follow a reference frame.
+
+    Args:
+        watch: the film, of which the reference frame has come.
+        layouts: those that may be shown.
+        turns: quarter turns after which quadrilaterals are tried that are proposed late.
+    """
+
+    def __init__(self, watch: Watch, layouts: Sequence[Layout], turns: Sequence[int]) -> None:
+        self.watch, self._turns = watch, turns
+        self._proposer = Proposer(watch, layouts)
+        self.surest_seen = 0.0
+        """Largest evidence of a quadrilateral so far, before it pays."""
+        self.is_late = False
+        """Whether all edges have been glanced at, in all frames that are watched."""
+        self.waiting: list[Search] = []
+        """Proposals being settled that have waited for a frame, or wait for one."""
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether something toggles like a display, unless its picture moves, too."""
+        return self.surest_seen > PROMISING and not self.watch.picture_moves
+
+    def steps(self) -> Search:
+        """Search, each step with the frames that have come so far.
+
+        What waited for a frame goes on first once the frame has come.
+        """
+        search, newest, is_over = self._search(), self.watch.first, False
+        last: Settled | None = None
+        while last is None and (self.waiting or not is_over):
+            if self.watch.held[-1] is not newest:
+                newest = self.watch.held[-1]
+                for settling in tuple(self.waiting):
+                    if found := (yield from self._go_on(settling)):
+                        return found
+            try:
+                yield NEXT_FRAME if is_over else next(search)
+            except StopIteration as end:
+                is_over, last = True, end.value
+        return last
+
+    def _search(self) -> Search:
+        """Look for the display in the film that follows the reference.
+
+        Edges are glanced at soon and after each quarter of the window. Once all frames have
+        been watched, other quadrilaterals are, and the pilots are fitted to those that probably
+        bound a display, if not exactly.
+        """
+        watch, proposer = self.watch, self._proposer
+        edges = yield from proposer.edges()
+        count, seen = watch.soon, 0
+        while seen < watch.window:
+            while len(watch.frames) < min(count, watch.window):
+                yield NEXT_FRAME
+                for quad, turn in product(edges, ANY_TURN):  # each frame does its own share
+                    proposer.pilots_seen(quad, turn, len(watch.frames))
+            seen = len(watch.frames)
+            count = seen + watch.window // 4
+            if found := (yield from self._glance(edges, seen)):
+                return found
+        faint: list[Array] = []
+        for quads in proposer.faint_edges():
+            yield 1
+            faint += quads
+            if found := (yield from self._glance(quads)):
+                return found
+        self.is_late = True
+        strongest = [*edges[:STRONGEST], *faint[:1]]
+        if found := (yield from self._fit(strongest)):
+            return found
+        outlines = yield from proposer.outlines()
+        framed = [inset(quad, FRAME_SHARE) for quad in (*edges, *faint[:CANDIDATES])]
+        if found := (yield from self._glance([*outlines, *framed])):
+            return found
+        glances = proposer.glances()
+        for evidence, proposal, _ in glances:  # those more promising have been settled
+            if not HINT < evidence <= PROMISING:
+                continue
+            if found := (yield from self._weigh_and_settle(proposal)):
+                return found
+        tried = {id(quad) for quad in strongest}
+        clearest = [quad for _, _, quad in glances if id(quad) not in tried][:CLEAREST]
+        return (yield from self._fit([*clearest, *outlines]))
+
+    def _glance(self, quads: Sequence[Array], count: int | None = None) -> Search:
+        """Glance at quadrilaterals, and settle each that is promising.
+
+        Args:
+            quads: (4, 2) pixels of the reference frame each, the likeliest first.
+            count: as `Watch.places` takes it; None for those that are proposed late.
+        """
+        turns = self._turns if count is None else ANY_TURN
+        for number, quad in enumerate(quads):
+            evidence, proposal = self._proposer.glance(quad, turns, count)
+            if evidence > PROMISING and (found := (yield from self._weigh_and_settle(proposal))):
+                return found
+            if number % GLANCES == GLANCES - 1:
+                yield 1
+        return None
+
+    def _fit(self, quads: Sequence[Array]) -> Search:
+        """Fit the pilots to quadrilaterals, and settle each fit that is a hint.
+
+        Args:
+            quads: (4, 2) pixels of the reference frame each, the likeliest first.
+        """
+        for quad, turn in product(quads, self._turns):
+            fit = yield from self._proposer.first_fit(np.roll(quad, -turn, axis=0))
+            if fit is None:
+                continue
+            evidence, _ = self._proposer.surest_in(fit.corners, [fit.layout])
+            yield 1
+            if evidence > HINT and (found := (yield from self._settle(fit, evidence))):
+                return found
+        return None
+
+    def _weigh_and_settle(self, proposal: Proposal) -> Search:
+        """Weigh a proposal by all frames so far, and settle it."""
+        evidence, _ = weigh(proposal, self.watch.frames, self.watch.fps)
+        yield 1
+        return (yield from self._settle(proposal, evidence))
+
+    def _settle(self, proposal: Proposal, evidence: float) -> Search:
+        """Settle a proposal with this evidence in all frames so far, before it pays."""
+        self.surest_seen = max(self.surest_seen, evidence)
+        return (yield from self._go_on(settle(proposal, evidence, self.watch)))
+
+    def _go_on(self, settling: Search) -> Search:
+        """Settle a proposal until it needs a frame that has yet to come; then it waits."""
+        while True:
+            try:
+                work = next(settling)
+            except StopIteration as end:
+                self.waiting = [each for each in self.waiting if each is not settling]
+                found: Settled | None = end.value
+                return found
+            if work == NEXT_FRAME:
+                if settling not in self.waiting:
+                    self.waiting.append(settling)
+                return None
+            yield work

@@ -1,0 +1,153 @@
+"""Put display states together from rectified camera frames."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from link.clock import DisplayClock
+from link.geometry import homography_from_corners, in_image, transform
+from link.layout import Layout
+from link.types import Corners, Image
+
+PURE = 0.97
+"""Smallest share of an exposure in one state at which a pixel counts as pure."""
+MESH = 16
+"""Number of points along each side of the display at which exposure is worked out."""
+PLACES = np.stack(np.meshgrid(*2 * [(np.arange(MESH) + 0.5) / MESH]), axis=-1).reshape(
+    -1, 2
+)  # (MESH, MESH, 2) -> (MESH MESH, 2)
+"""Points of the display, x and y in [0, 1], at which exposure is worked out."""
+
+
+@dataclass(frozen=True)
+class RectifiedFrame:
+    """A rectified camera frame."""
+
+    time: float
+    """Seconds of the camera's clock."""
+    rectified: Image
+    """An `Image`."""
+    in_view: NDArray[np.bool_] | None = None
+    """(MESH, MESH) whether each point of the display lies within the camera frame; None where the
+    whole display does."""
+
+
+def points_in_view(corners: Corners, shape: tuple[int, ...]) -> NDArray[np.bool_] | None:
+    """Tell which points of the display lie within a camera frame.
+
+    Args:
+        corners: pixels of the camera frame.
+        shape: shape of the camera frame, height and width first.
+
+    Returns:
+        (MESH, MESH), or None where the whole display lies within the frame.
+    """
+    if in_image(corners, shape).all():
+        return None
+    H_captured_from_display = homography_from_corners(corners, MESH, MESH)
+    points = transform(H_captured_from_display, MESH * PLACES - 0.5)
+    return np.asarray(in_image(points, shape).reshape(MESH, MESH))
+
+
+@dataclass(frozen=True)
+class DisplayState:
+    """What one state of the display, an original or an embedded frame, looked like."""
+
+    image: Image
+    """An `Image`, rectified."""
+    purity: NDArray[np.float64]
+    """(MESH, MESH) largest share of an exposure that fell into this state, in [0, 1]."""
+    frames: int
+    """Number of camera frames that were averaged."""
+
+
+def compose_state(
+    frames: list[RectifiedFrame], clock: DisplayClock, number: int
+) -> DisplayState | None:
+    """Average what camera frames hold of one state.
+
+    Each point of the display takes the frames whose exposure there is pure; where none is, it takes
+    the purest. A frame holds nothing of a point outside it.
+
+    Args:
+        frames: frames in any order.
+        clock: says when the display shows which state.
+        number: number of the state.
+
+    Returns:
+        the state, or None where no frame holds any of it.
+    """
+    near = [
+        frame
+        for frame in frames
+        if clock.number(frame.time + clock.latest) > number
+        and clock.number(frame.time + clock.earliest) < number + 1
+    ]
+    shares = [
+        clock.shares(frame.time, PLACES, number).reshape(MESH, MESH)  # (MESH MESH,) -> (MESH, MESH)
+        * (1 if frame.in_view is None else frame.in_view)
+        for frame in near
+    ]
+    used = [(frame, share) for frame, share in zip(near, shares, strict=True) if share.max() > 0]
+    if not used:
+        return None
+    purity = np.max([share for _, share in used], axis=0)
+    pure = [frame for frame, share in used if share.min() >= PURE]
+    if pure:
+        images = [frame.rectified for frame in pure]
+        return DisplayState(_mean(images), purity, len(images))
+    limit = np.minimum(purity, PURE) - 1e-6
+    height, width = used[0][0].rectified.shape[:2]
+    total = np.zeros(used[0][0].rectified.shape, np.float32)
+    weights = np.zeros((height, width), np.float32)
+    for frame, share in used:
+        chosen = share >= limit
+        if not chosen.any():
+            continue
+        # points count as far as those beside them; states often are put together from bands of rows
+        points = np.flatnonzero(chosen.any(axis=1))
+        first, last = (points[0] - 0.5) * height / MESH, (points[-1] + 1.5) * height / MESH
+        rows = slice(max(0, int(first) - 1), min(height, int(np.ceil(last)) + 1))
+        mesh = chosen.astype(np.float32)
+        weight = cv2.resize(mesh, (width, height), interpolation=cv2.INTER_LINEAR)[rows]
+        pixels = frame.rectified[rows]
+        total[rows] += cv2.multiply(pixels, _like(pixels, weight), dtype=cv2.CV_32F)
+        weights[rows] += weight
+    total /= _like(total, np.maximum(weights, 1e-3, out=weights))
+    total += 0.5
+    return DisplayState(total.astype(np.uint8), purity, len(used))
+
+
+def unseen_state(other: DisplayState | None) -> DisplayState | None:
+    """Stand in for a state that no frame holds, beside one that some hold: nothing is pure."""
+    return other and DisplayState(other.image, np.zeros((MESH, MESH)), 0)
+
+
+def _like(image: NDArray[np.generic], weights: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Give (height, width) weights the channels of an image; numpy would spread them slowly."""
+    return weights if image.ndim == 2 else np.asarray(cv2.merge([weights] * image.shape[2]))
+
+
+def _mean(images: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    if len(images) == 1:
+        return images[0]
+    total = images[0].astype(np.float32)
+    for image in images[1:]:
+        cv2.accumulate(image, total)
+    return np.asarray(cv2.convertScaleAbs(total, alpha=1 / len(images)), np.uint8)
+
+
+def block_purity(purity: NDArray[np.float64], layout: Layout) -> NDArray[np.float64]:
+    """Average the purity of a state over each message block.
+
+    Args:
+        purity: (MESH, MESH) in [0, 1].
+        layout: layout of the display.
+
+    Returns:
+        (n_bits,) in [0, 1].
+    """
+    blocks = cv2.resize(purity, (layout.cols, layout.rows), interpolation=cv2.INTER_AREA)
+    return np.asarray(blocks[layout.message_mask])

@@ -1,0 +1,297 @@
+"""From camera frames to the message: find the display, follow it, and read it.
+
+`Receiver.push` takes one camera frame through all stages. What the display shows need not be known
+beforehand: the receiver looks for the layouts of all its decoders, and goes on with the one that it
+finds (`receiver.reading.reader`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from export.film_graph import FilmScorer
+from link.code.collect import Message
+from link.errors import InputError
+from link.frames import Captured
+from link.layout import Layout
+from link.presets import preset_name
+from link.types import Corners, Image
+from receiver.decoders import PairDecoder
+from receiver.diagnosis import Observations
+from receiver.reading.reader import DecodedPair, DisplayReader
+from receiver.reading.states import MESH, DisplayState
+from receiver.repeats import Repeats
+from receiver.sight import Sight, StageTimes
+from receiver.tracking.patches import Tracked, Tracker
+from receiver.tracking.pilots import PilotTracker
+from receiver.tracking.two_images import state_change
+
+DisplayTracker = Tracker | PilotTracker
+"""Finds a display, and follows it from frame to frame."""
+
+STILL = 2.0
+"""Smallest change of the toggles between two images, in standard errors over patches or pilots, at
+which the images show different states."""
+STILL_S, STILL_FRAMES = 1.25, 36
+"""Time, in seconds, and number of frames for which a display with patches is followed without
+anything to read before others are looked for, too: a picture that shows patches may stand still."""
+AMISS_PAIRS = 64
+"""Number of frame pairs that are read in vain before a display with pilots is looked for anew: some
+of its corners may lie elsewhere."""
+
+
+@dataclass(frozen=True)
+class ReceiverStep:
+    """What one camera frame brought."""
+
+    tracked: Tracked | None
+    """The display in the frame, or None where it was not found."""
+    pairs: list[DecodedPair]
+    """Frame pairs that could be decoded with this frame, in order."""
+    message: Message | None
+    """The message, where it became whole with this frame."""
+
+
+class Receiver:
+    """Reads a message from the frames of a camera that films the display.
+
+    Args:
+        decoders: one, or one for each layout that is looked for, with ratex patches or pilots.
+        fps: nominal number of frames of the camera in a second.
+        film: decodes windows of film where the layout and the picture allow it; None where all is
+            read by frame pairs.
+
+    Raises:
+        InputError: there is no decoder, two have one layout, a layout has neither patches nor
+            pilots, or too few message blocks for a message.
+
+    >>> from export.runtime import Decoder
+    >>> from models import PRETRAINED
+    >>> receiver = Receiver(Decoder(PRETRAINED / "decoder.onnx"), fps=30)
+    >>> step = receiver.push(np.full((240, 320, 3), 90, np.uint8), time=0.0)  # an empty wall
+    >>> (step.tracked, step.pairs, step.message)
+    (None, [], None)
+    """
+
+    def __init__(
+        self,
+        decoders: PairDecoder | Sequence[PairDecoder],
+        fps: float = 30.0,
+        film: FilmScorer | None = None,
+    ) -> None:
+        chosen = list(decoders) if isinstance(decoders, Sequence) else [decoders]
+        layouts = [decoder.layout for decoder in chosen]
+        if not chosen:
+            raise InputError("decoders: need at least one")
+        if len(set(layouts)) < len(layouts):
+            raise InputError("decoders: two of them read the same layout; give one of each")
+        self.timing = StageTimes()
+        """Time spent in each stage so far."""
+        self.found = 0
+        """Number of frames in which the display was found."""
+        self.frames = 0
+        """Number of frames taken."""
+        self._fps = fps
+        self._repeats = Repeats()
+        self._sight = Sight()
+        self._tracked: Tracked | None = None
+        self._trackers = make_trackers(layouts, fps)
+        self._readers = {
+            decoder.layout: DisplayReader(decoder, fps, self.timing, self._sight, film)
+            for decoder in chosen
+        }
+        self._reader = self._readers[layouts[0]]
+        self._following: DisplayTracker | None = None
+        self._toggled = 0.0, 0, 0
+
+    @property
+    def layout(self) -> Layout:
+        """Layout of the display that was found last, or the first one that is looked for."""
+        return self._reader.layout
+
+    @property
+    def decoded(self) -> int:
+        """Number of frame pairs decoded."""
+        return sum(reader.decoded for reader in self._readers.values())
+
+    @property
+    def progress(self) -> float:
+        """Information received, as a share of what is needed: about 1 when the message is whole."""
+        return self._reader.collector.progress
+
+    @property
+    def synchronised(self) -> bool:
+        """Whether the display's clock is known."""
+        return self._reader.sync.clock is not None
+
+    @property
+    def state_hz(self) -> float | None:
+        """Number of states that the display shows in a second, or None while it is unknown."""
+        clock = self._reader.sync.clock
+        return None if clock is None else 1 / clock.period
+
+    @property
+    def observations(self) -> Observations:
+        """What was seen so far, from which `explain_silence` tells why no message came."""
+        sight = self._sight
+        measured = max(sight.measured, 1)
+        layouts = [self.layout] if self.found else list(self._readers)
+        return Observations(
+            fps=self._fps,
+            frames=self.frames,
+            found=self.found,
+            seconds=sight.last - sight.first if self.found else 0.0,
+            level=sight.level / measured if sight.measured else None,
+            clipped=sight.clipped / measured,
+            cut=sight.cut,
+            toggling=self._reader.sync.best,
+            state_hz=sight.state_hz,
+            exposed=sight.exposed,
+            decoded=self.decoded,
+            mixed=sight.mixed / max(self.decoded, 1),
+            progress=self.progress,
+            presets=[name for name in map(preset_name, layouts) if name],
+        )
+
+    def push(self, image: NDArray[np.generic], time: float) -> ReceiverStep:
+        """Take the next camera frame.
+
+        Args:
+            image: (H, W) or (H, W, 3) uint8 or uint16, encoded RGB.
+            time: time of the frame, seconds; rising from frame to frame.
+
+        Raises:
+            InputError: not an image.
+        """
+        frame = as_uint8(image)
+        self.frames += 1
+        start = perf_counter()
+        if self._repeats.is_repeat(frame):  # it was not exposed at this time
+            self.found += self._tracked is not None
+            return ReceiverStep(self._tracked, [], self._reader.go_on())
+        tracked = self._tracked = self._find(frame, time)
+        self.timing.add("track", start)
+        if tracked is None:
+            self._sight.miss(frame)
+            return ReceiverStep(None, [], self._reader.go_on())
+        self.found += 1
+        pairs, message = self._reader.take(tracked, time, frame.shape)
+        shift = self._reader.shift()
+        if shift is not None and self._following is not None:
+            self._following.correct(shift)
+        return ReceiverStep(tracked, pairs, message)
+
+    def _find(self, frame: NDArray[np.uint8], time: float) -> Tracked | None:
+        """Follow the display, or look for all layouts until one is found.
+
+        What is followed and stands still comes last, so that it keeps no other from being found.
+        """
+        followed, self._following = self._following, None
+        still = followed is not None and self._is_in_vain(followed, time)
+        if followed is not None and still:
+            followed.set_aside(time, forget=False)
+        trackers = sorted(self._trackers, key=lambda tracker: (tracker is followed) == still)
+        for tracker in trackers:
+            tracked = tracker.follow(frame, time)
+            if tracked is None:
+                continue
+            self._following = tracker
+            self._readers[tracker.layout].prepare()
+            if followed is not None and tracker is not followed:
+                followed.set_aside(time, forget=True)
+            if tracker is not followed or (still and tracked.anew):
+                self._toggled = time, self.frames, self.decoded
+            if tracker.layout != self._reader.layout or (still and tracked.anew):
+                self._reader = self._readers[tracker.layout]
+                self._reader.restart()
+            return tracked
+        return None
+
+    def _is_in_vain(self, followed: DisplayTracker, time: float) -> bool:
+        """Tell whether a display has been followed in vain for long.
+
+        What toggles around a picture with patches may give it a clock, but no bit of a message.
+        """
+        if self.synchronised and self.progress > 0:
+            self._toggled = time, self.frames, self.decoded
+        since, frames, decoded = self._toggled
+        if not followed.layout.ratex:
+            return self.decoded - decoded > AMISS_PAIRS
+        return time - since > STILL_S and self.frames - frames > STILL_FRAMES
+
+    def decode_images(
+        self,
+        first: NDArray[np.generic],
+        second: NDArray[np.generic],
+        corners_first: Corners,
+        corners_second: Corners,
+    ) -> DecodedPair:
+        """Decode two images of one frame pair, in either order.
+
+        Args:
+            first: (H, W) or (H, W, 3) uint8 or uint16, encoded RGB, of either state.
+            second: frame of the other state, of the same shape and type.
+            corners_first: pixels of the display in the first image.
+            corners_second: pixels of the display in the second image.
+
+        Raises:
+            InputError: images of unlike size, corners that do not fit, or patches or pilots that do
+                not differ between the images.
+        """
+        frames = [as_uint8(image) for image in (first, second)]
+        captured = Captured(frames[0], frames[1], self.layout, corners_first, corners_second)
+        rectified = captured.rectified()
+        images = [rectified.original, rectified.embedded]
+        change = state_change(images[0], images[1], self.layout)
+        if abs(change) <= STILL:
+            raise InputError("the two images show the same state; take one of each")
+        original, embedded = images if change > 0 else images[::-1]
+        whole = np.ones((MESH, MESH))
+        states = DisplayState(original, whole, 1), DisplayState(embedded, whole, 1)
+        return DecodedPair(0, 0.0, self._reader.decoder.decode(original, embedded), *states, 0.0)
+
+    def finish(self) -> ReceiverStep:
+        """Decode what is left when the frames have ended; images without a clock by their order."""
+        return ReceiverStep(None, *self._reader.finish())
+
+
+def make_trackers(layouts: Sequence[Layout], fps: float) -> list[DisplayTracker]:
+    """Make what finds and follows the displays of some layouts.
+
+    Args:
+        layouts: layouts that are looked for.
+        fps: nominal number of frames of the camera in a second.
+
+    Raises:
+        InputError: a layout has neither ratex patches nor pilots.
+    """
+    with_pilots = [layout for layout in layouts if layout.pilots]
+    trackers: list[DisplayTracker] = [Tracker(layout) for layout in layouts if not layout.pilots]
+    return [*trackers, PilotTracker(with_pilots, fps)] if with_pilots else trackers
+
+
+def as_uint8(image: NDArray[np.generic]) -> Image:
+    """Turn a camera's image into what the receiver takes.
+
+    Args:
+        image: (H, W), (H, W, 1) or (H, W, 3) uint8 or uint16, encoded.
+
+    Returns:
+        an `Image`.
+
+    Raises:
+        InputError: any other shape or type.
+    """
+    array = np.asarray(image)
+    if array.ndim == 3 and array.shape[2] == 1:
+        array = array[:, :, 0]
+    if array.ndim not in (2, 3) or array.shape[2:] not in ((), (3,)) or min(array.shape[:2]) < 16:
+        raise InputError(f"frames must be (H, W) or (H, W, 3) of 16 px or more, got {array.shape}")
+    if array.dtype == np.uint16:
+        return np.asarray((array.astype(np.uint32) + 128) // 257, np.uint8)
+    if array.dtype != np.uint8:
+        raise InputError(f"frames must be uint8 or uint16, got {array.dtype}")
+    return np.asarray(array, np.uint8)

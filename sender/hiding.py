@@ -1,0 +1,186 @@
+"""How visible the message is to somebody who looks at the display, and the largest hidden kappa.
+
+Visibility is contrast over threshold, where 1 is just seen (`sender.visibility.flicker`). A picture
+has many levels, and a player may show many pictures; what counts is the most visible of a few gray
+levels, whatever the picture, and for chroma bits of a few usual colours as well
+(`sender.visibility.viewing.PICTURE_LEVELS` and `COLOUR_LEVELS`). The message is random, and always
+the same. Soft edges of blocks are taken for hard ones.
+"""
+
+import bisect
+import math
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+
+from link.embed import MAX_KAPPA
+from link.errors import ParameterError
+from link.layout import LUMINANCE_FROM_RGB, Layout
+from link.strength import even_factor, light_of_level
+from sender.visibility.flicker import contrast_over_threshold, random_message
+from sender.visibility.line_code import CODE_OF_MODULATION
+from sender.visibility.viewing import COLOUR_LEVELS, PICTURE_LEVELS, Viewing, Where
+
+PLAIN = 2.0
+"""Contrast over threshold above which flicker is called plain to see; 1 is just seen."""
+MOST_FLASHES, FLASH_LIGHT, FLASH_DARKER = 3, 0.1, 0.8
+"""WCAG 2.2 (definition of the general flash and red flash thresholds): number of flashes a second
+that is safe, the least change of relative luminance that counts as one, and the relative luminance
+below which the darker of both states then is."""
+
+Level = float | tuple[float, float, float]
+"""Gray level of a picture, or its red, green and blue."""
+SECONDS = 20.0
+"""Length of the random message, in seconds; its high end is known to some percent."""
+MESSAGE_SEED = 0
+"""Seed of the random message."""
+SAMPLE_HZ = 60.0
+"""Least number of times a second at which the shown light is sampled. A display holds its light
+while a state lasts, so that more samples, or other refreshes, change nothing."""
+SLOWEST_HZ = 1.0
+"""Number of states a second for which slower ones are taken; those are seen less."""
+
+
+@dataclass(frozen=True)
+class Onlooker:
+    """Somebody who looks at the display.
+
+    Raises:
+        ParameterError: a value is out of range.
+    """
+
+    diagonal: float = Viewing.diagonal_inch
+    """Diagonal of the picture on the display, in inches."""
+    luminance: float = Viewing.white_cd_m2
+    """Luminance of the display's white, in cd/m²; its black has a thousandth of it."""
+    distance: float = Viewing.distance_m
+    """Distance of the eye from the display, in metres."""
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ("diagonal", 0.1, 10_000),
+            ("luminance", 1, 100_000),
+            ("distance", 0.01, 10_000),
+        ):
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise ParameterError(name, f"need {low:g} to {high:g}, got {value:g}")
+
+    def viewing(self, layout: Layout, state_hz: float) -> Viewing:
+        """Describe what is seen of a layout's blocks, for the module `sender.visibility.flicker`.
+
+        Args:
+            layout: what the display shows; it fills the diagonal.
+            state_hz: states shown in a second.
+        """
+        states_hz = max(state_hz, SLOWEST_HZ)
+        return Viewing(
+            layout.rows,
+            layout.cols,
+            states_hz=states_hz,
+            refresh_hz=states_hz * math.ceil(SAMPLE_HZ / states_hz),
+            colour=layout.direction,
+            diagonal_inch=self.diagonal,
+            aspect=layout.width / layout.height,
+            distance_m=self.distance,
+            white_cd_m2=self.luminance,
+            black_cd_m2=self.luminance / 1000,
+        )
+
+
+@dataclass(frozen=True)
+class Hiding:
+    """A message of a layout at a rate, before the eyes of an onlooker.
+
+    >>> from link.layout import make_layout
+    >>> fine = make_layout(48, 64, modulation="antipodal", pilots=16)
+    >>> hiding = Hiding(fine, state_hz=60, onlooker=Onlooker())
+    >>> hiding.largest_kappa(limit=2.0)
+    1
+    """
+
+    layout: Layout
+    """Grid, modulation and colour direction of the message."""
+    state_hz: float
+    """Number of states that are shown in a second."""
+    onlooker: Onlooker
+    """Size and brightness of the display, and the distance of the eye."""
+    even: bool = False
+    """Whether kappa is that of the most visible gray, and larger over others (`link.strength`)."""
+
+    def seen(self, kappa: int, where: Where = "block") -> float:
+        """Work out the high end of visibility: 95 % of the half seconds stay below it.
+
+        Args:
+            kappa: gray levels by which blocks change.
+            where: "block" for one block, "screen" for all blocks in phase.
+
+        Returns:
+            contrast over threshold at the most visible level; 1 is just seen.
+        """
+        return max(self._seen_over(level, kappa, where) for level in self._levels)
+
+    def flicker(self, kappa: int) -> str:
+        """Say whether the message's flicker may disturb or harm somebody who looks at it.
+
+        Args:
+            kappa: gray levels by which blocks change.
+
+        Returns:
+            "flashes" where it exceeds the general flash threshold of WCAG 2.2 (success criterion
+            2.3.1) over some gray: more than `MOST_FLASHES` pairs of opposite changes a second by at
+            least `FLASH_LIGHT`; else "seen" where it is above `PLAIN`, or "".
+        """
+        dark = np.arange(256)
+        dark = dark[light_of_level(dark) < FLASH_DARKER]
+        factor = even_factor(light_of_level(dark)) if self.even else 1.0
+        change = light_of_level(np.minimum(dark + kappa * factor, 255)) - light_of_level(dark)
+        if self.state_hz / 2 > MOST_FLASHES and change.max() >= FLASH_LIGHT:
+            return "flashes"
+        return "seen" if self.seen(kappa) > PLAIN else ""
+
+    @property
+    def _levels(self) -> tuple[Level, ...]:
+        gray = self.layout.colour == "gray"  # changes colours no more than grays
+        return PICTURE_LEVELS if gray else (*PICTURE_LEVELS, *COLOUR_LEVELS)
+
+    @cache  # noqa: B019 - a few numbers, for one message a process
+    def _seen_over(self, level: Level, kappa: int, where: Where = "block") -> float:
+        viewing = self.onlooker.viewing(self.layout, self.state_hz)
+        factor = 1.0
+        if self.even:
+            light = light_of_level(np.broadcast_to(level, 3)) @ LUMINANCE_FROM_RGB
+            factor = float(even_factor(light))
+        viewing = replace(viewing, kappa=kappa * factor, picture_level=level)
+        code, rng = CODE_OF_MODULATION[self.layout.modulation], np.random.default_rng(MESSAGE_SEED)
+        shown = random_message(viewing, code, rng, SECONDS)
+        return contrast_over_threshold(shown, viewing, where).high
+
+    def largest_kappa(self, limit: float) -> int:
+        """Find the largest kappa with which a block's visibility, `seen`, is at most a limit.
+
+        Args:
+            limit: contrast over threshold, above 0.
+
+        Returns:
+            1 to `link.embed.MAX_KAPPA`.
+
+        Raises:
+            ParameterError: the limit is not above 0, or even a kappa of 1 lies above it.
+        """
+        if not limit > 0:
+            raise ParameterError("visibility", f"need a number above 0, got {limit:g}")
+        least = {level: self._seen_over(level, 1) for level in self._levels}
+        worst = max(least, key=lambda level: least[level])
+        if least[worst] > limit:
+            raise ParameterError(
+                "visibility",
+                f"a kappa of 1 is at {least[worst]:.3g}, above {limit:g}; show more states a "
+                "second, smaller blocks, antipodal or chroma ones, or allow more",
+            )
+        kappas = range(1, MAX_KAPPA + 1)
+        kappa = bisect.bisect_right(kappas, limit, key=lambda kappa: self._seen_over(worst, kappa))
+        while self.seen(kappa) > limit:  # another level has become the most visible
+            kappa -= 1
+        return kappa

@@ -1,0 +1,172 @@
+"""How visible a message is: contrast over threshold of what a display really shows over time.
+
+One block's gray levels at every refresh become light (`Viewing.light`); its luminance is cut into
+windows of half a second; in each window the amplitude of every temporal frequency, divided by the
+mean, is divided by its own threshold (`sender.visibility.elatcsf`), and the squares are added. The
+root is the *contrast over threshold*: a sine at its threshold has 1, and above 1 the flicker is
+seen more often than not.
+
+- **Pooling over frequencies.** The paper of elaTCSF measures one frequency at a time. That the
+  components of a waveform count in quadrature, each over its own threshold, is the metric of
+  Bodington, Bierman and Narendran, "A flicker perception metric", Lighting Research & Technology
+  48(5), 2016, who found it to predict thresholds for many waveforms. By Parseval's theorem the sum
+  does not depend on the window's length for random messages, and not on the fineness of the
+  frequencies; for a square wave it is the fundamental and very little more.
+- **Windows.** Half a second, without overlap or taper, is about what the eye adds up. The window's
+  mean is taken off, so that drifts slower than 2 Hz count only in part.
+- **Held light.** A display is taken to hold each frame until the next (LCD, OLED without strobe).
+  The spectrum of such light is that of the frames, repeated about the refresh rate and its
+  multiples, times sinc(f / refresh). Frequencies above `HIGHEST_HZ` are left out; at 120 Hz the
+  sensitivity is thousands of times below its peak. Backlights that are switched add nothing here:
+  they flicker without a message as well.
+- **Colour.** elaTCSF is of luminance alone. What a toggle changes of colour goes through the two
+  colour channels of castleCSF (`sender.visibility.chroma`), and is reported beside it; the whole is
+  the root of the sum of squares, as castleCSF adds up its channels.
+- **Not modelled**: the picture's texture, which masks; the edges of blocks, their number and their
+  spatial frequency; eye movements, which turn fine patterns into flashes. The whole screen in phase
+  (`where="screen"`) is the upper end of what many blocks together can do.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from link.errors import InputError
+from link.layout import LUMINANCE_FROM_RGB
+from link.types import Array
+from sender.visibility.chroma import colour_over_threshold, opponent_change
+from sender.visibility.elatcsf import flicker_sensitivity
+from sender.visibility.line_code import shown_amplitudes
+from sender.visibility.viewing import Viewing, Where
+
+WINDOW_S = 0.5
+"""Length of the windows in which flicker is judged, in seconds."""
+HIGHEST_HZ = 120.0
+"""Highest temporal frequency that is counted, in Hz."""
+QUANTILE = 0.95
+"""Share of the windows of a random message that lie below what is called its high end."""
+
+
+@dataclass(frozen=True)
+class Visibility:
+    """Contrast over threshold, by windows; 1 is just seen."""
+
+    luminance: Array
+    """(windows,) the part of luminance, by elaTCSF."""
+    colour: Array
+    """(windows,) the part of colour at constant luminance, by castleCSF; 0 for gray."""
+
+    @property
+    def windows(self) -> Array:
+        """Array (windows,) of both parts together, added in quadrature."""
+        return np.asarray(np.hypot(self.luminance, self.colour))
+
+    @property
+    def mean(self) -> float:
+        """Mean contrast over threshold of the windows."""
+        return float(self.windows.mean())
+
+    @property
+    def high(self) -> float:
+        """Contrast over threshold below which 95 % of the windows lie."""
+        return float(np.quantile(self.windows, QUANTILE))
+
+
+def flicker_spectrum(
+    values: ArrayLike, sample_hz: float, highest_hz: float = HIGHEST_HZ
+) -> tuple[Array, Array]:
+    """Take held values apart into sines, up to a frequency.
+
+    Args:
+        values: (..., n) values that follow each other, each held until the next.
+        sample_hz: number of values a second.
+        highest_hz: highest frequency wanted, in Hz.
+
+    Returns:
+        (F,) frequencies in Hz, from one period in n values on, and (..., F) amplitudes, such that a
+        held sine of amplitude a and frequency f well below ``sample_hz`` has a times
+        sinc(f / sample_hz), which is about a.
+
+    >>> square = [1.0, -1.0] * 8  # its fundamental is 4 / pi
+    >>> hz, amplitudes = flicker_spectrum(square, sample_hz=60, highest_hz=90)
+    >>> float(hz[amplitudes.argmax()]), round(float(amplitudes.max()), 4)
+    (30.0, 1.2732)
+    """
+    samples = np.asarray(values, np.float64)
+    n = samples.shape[-1]
+    spectrum = np.abs(np.fft.fft(samples, axis=-1)) * 2 / n
+    count = max(1, int(highest_hz * n / sample_hz + 1e-9))
+    numbers = np.arange(1, count + 1)
+    return numbers * sample_hz / n, spectrum[..., numbers % n] * np.abs(np.sinc(numbers / n))
+
+
+def contrast_over_threshold(
+    amplitudes: ArrayLike, viewing: Viewing, where: Where = "block", window_s: float = WINDOW_S
+) -> Visibility:
+    """Work out how visible a sequence is that one block, or the whole screen, shows.
+
+    Args:
+        amplitudes: (T,) amplitudes at each refresh in units of kappa, as a line code makes them.
+        viewing: display, picture, kappa and viewer.
+        where: "block" for one block alone, looked at from `Viewing.gazes_deg`, of which the most
+            visible counts; "screen" for all blocks in phase, looked at in the middle.
+        window_s: length of the windows, in seconds; what is left over at the end is not used.
+
+    Returns:
+        one number for each window and part.
+
+    Raises:
+        InputError: the sequence is shorter than one window.
+        ParameterError: the picture is too dark for the model.
+
+    >>> toggling = np.tile([-0.5, 0.5], 30)
+    >>> round(contrast_over_threshold(toggling, Viewing(rows=48, cols=64)).mean, 2)
+    0.71
+    """
+    n = round(window_s * viewing.refresh_hz)
+    levels = viewing.gray_levels(amplitudes)
+    if n < 2 or len(levels) < n:
+        raise InputError(
+            f"a sequence of {len(levels)} refreshes is shorter than one window of {window_s:g} s"
+        )
+    light = viewing.light(levels[: len(levels) // n * n])
+    luminance = light @ LUMINANCE_FROM_RGB
+    mean = float(luminance.mean())
+    hz, contrast = flicker_spectrum(luminance.reshape(-1, n) / mean, viewing.refresh_hz)
+    width, height = viewing.degrees(where)
+    adapted = float(f"{mean:.3g}")  # thresholds are kept by luminance; 0.5 % does not change them
+    gazes = viewing.gazes_deg if where == "block" else (0.0,)
+    seen = [
+        np.sqrt(
+            np.square(contrast) @ np.square(flicker_sensitivity(hz, adapted, width, height, gaze))
+        )
+        for gaze in gazes
+    ]
+    gray = len(set(viewing.colour)) == 1
+    colour = np.zeros(len(contrast))
+    if not gray:
+        changes = opponent_change(light).reshape(-1, n, 2)
+        _, parts = flicker_spectrum(np.moveaxis(changes, 2, 1), viewing.refresh_hz)
+        parts = np.moveaxis(parts, 1, 2)
+        colour = colour_over_threshold(parts, hz, adapted, width, height)
+    return Visibility(max(seen, key=lambda windows: float(windows.mean())), colour)
+
+
+def random_message(
+    viewing: Viewing, line_code: str, rng: np.random.Generator, seconds: float
+) -> Array:
+    """Draw what a block shows of a random message.
+
+    Args:
+        viewing: gives the rates of states and refreshes.
+        line_code: key of `sender.visibility.line_code.LINE_CODES`.
+        rng: draws the bits.
+        seconds: length of the message, in seconds.
+
+    Returns:
+        (refreshes in ``seconds``,) amplitudes in units of kappa.
+    """
+    wanted = round(seconds * viewing.refresh_hz)
+    bits = rng.integers(0, 2, wanted // (2 * viewing.refreshes) + 2)
+    return shown_amplitudes(line_code, bits, viewing.refreshes)[:wanted]

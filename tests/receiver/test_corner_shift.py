@@ -1,0 +1,169 @@
+"""Decoded blocks say where the display lies in its rectified image."""
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+import pytest
+from conftest import cases, slow
+from pilot_films import FINE, texture
+
+import receiver.tracking.corners as corners_module
+from link.geometry import frame_corners, transform
+from link.layout import Layout, make_layout
+from link.pilots import pilot_signs
+from link.types import Array, Image
+from receiver.tracking.corners import CornerShift
+
+CLOSE_PX = 0.2
+SURE = 6.0
+"""Score of a block that is decoded without doubt, in log-likelihood units."""
+
+
+def moved(*, x: float = 0.0, y: float = 0.0, corner: float = 0.0) -> Array:
+    """A translation, and a homography that moves the last corner but one by as much on each axis.
+
+    The three numbers are pixels of the layout.
+    """
+    start = frame_corners(FINE.width, FINE.height)
+    end = start + np.array([x, y])
+    end[2] += corner
+    return np.asarray(cv2.getPerspectiveTransform(start.astype("f4"), end.astype("f4")))
+
+
+def largest_move(H: Array, layout: Layout = FINE) -> float:
+    """Largest distance by which a homography moves a corner of the layout, pixels."""
+    start = frame_corners(layout.width, layout.height)
+    return float(np.linalg.norm(transform(H, start) - start, axis=1).max())
+
+
+class Display:
+    """Makes frame pairs of random bits over one picture, rectified wrongly, and their scores."""
+
+    def __init__(self, layout: Layout = FINE, kappa: float = 5.0, colour: bool = False) -> None:
+        self.layout, self.kappa, self.colour = layout, kappa, colour
+        self.rng = np.random.default_rng(0)
+        self.picture = 130 + 25 * texture((layout.height, layout.width), 1, 12.0)
+
+    def pair(self, H_old_from_new: Array) -> tuple[Image, Image, Array]:
+        layout = self.layout
+        signs = self.rng.choice([-1.0, 1.0], layout.rows * layout.cols)
+        signs[layout.pilot_blocks] = pilot_signs(layout)
+        grid = signs.reshape(layout.rows, layout.cols)
+        size = layout.width, layout.height
+        change = cv2.resize(grid, size, interpolation=cv2.INTER_NEAREST)
+        frames = []
+        for sign in (-1, 1):
+            shown = self.picture + sign * self.kappa * change
+            seen = cv2.warpPerspective(shown, H_old_from_new, size, borderMode=cv2.BORDER_REPLICATE)
+            noisy = seen + self.rng.normal(0, 2, seen.shape)
+            gray = np.clip(noisy + 0.5, 0, 255).astype(np.uint8)
+            frames.append(np.repeat(gray[:, :, None], 3, axis=2) if self.colour else gray)
+        return frames[0], frames[1], SURE * grid[layout.message_mask]
+
+
+def follow(display: Display, H: Array, pairs: int, score_of: Callable[[Array], Array]) -> Array:
+    """Move the display by what each frame pair says; how it is misplaced in the end."""
+    shifts = CornerShift(display.layout)
+    for _ in range(pairs):
+        first, second, scores = display.pair(H)
+        shifts.take(first, second, score_of(scores), shifts.total)
+        shift = shifts.shift()
+        if shift is not None:
+            H = np.linalg.inv(shift) @ H
+    return H / H[2, 2]
+
+
+@cases(
+    (moved(), False),
+    (moved(x=4.0, y=-3.0), False),
+    slow(moved(corner=5.0), False),
+    slow(moved(x=-3.0, y=1.5, corner=4.0), False),
+    slow(moved(x=4.0, y=-3.0), True),
+    ids=["nothing", "translation", "one corner", "both", "RGB"],
+)
+def test_the_display_is_moved_to_where_its_blocks_lie(misplaced: Array, colour: bool) -> None:
+    display, H = Display(colour=colour), misplaced
+    shifts, errors = CornerShift(FINE), []
+    corners = frame_corners(FINE.width, FINE.height)
+    for _ in range(14):
+        shifts.take(*display.pair(H), shifts.total)
+        shift = shifts.shift()
+        H = np.linalg.inv(shift) @ H
+        errors.append(transform(H, corners) - corners)
+    settled = np.array(errors[6:])
+    assert np.abs(settled.mean(axis=0)).max() < CLOSE_PX
+    assert np.abs(settled).max() < 3 * CLOSE_PX
+
+
+@pytest.mark.parametrize("at_once", [1, 2, 5])
+def test_frame_pairs_that_waited_move_the_display_once(at_once: int) -> None:
+    """All were rectified before the first move, and show the same error, which is put right once.
+
+    To first order, that is: pairs that are rectified afterwards put the rest right.
+    """
+    display, misplaced = Display(), moved(x=4.0, corner=3.0)
+    shifts, H, before = CornerShift(FINE), misplaced, np.zeros(8)
+    for number in range(20):
+        shifts.take(*display.pair(misplaced), before)
+        if number % at_once == at_once - 1:
+            shift = shifts.shift()
+            H = np.linalg.inv(shift) @ H
+        assert largest_move(H) < 1.1 * largest_move(misplaced)
+    assert largest_move(H) < 0.5 * largest_move(misplaced)
+
+
+def test_a_shift_is_said_once() -> None:
+    shifts = CornerShift(FINE)
+    assert shifts.shift() is None
+    shifts.take(*Display().pair(moved(x=2.0)), shifts.total)
+    first = shifts.shift()
+    assert first is not None
+    assert largest_move(first) > 1.0
+    assert shifts.shift() is None
+
+
+@pytest.mark.slow
+def test_pilots_alone_move_the_display() -> None:
+    """Without a decoded block, the message is noise beside the signs of the pilots."""
+    assert largest_move(follow(Display(), moved(x=5.0, y=5.0), 20, np.zeros_like)) < 2.5
+
+
+def test_without_evidence_nothing_moves() -> None:
+    still = Display(kappa=0.0)
+    assert largest_move(follow(still, np.eye(3), 8, np.zeros_like)) < 0.1
+    even = np.full((FINE.height, FINE.width), 90, np.uint8)
+    shifts = CornerShift(FINE)
+    shifts.take(even, even, np.zeros(FINE.n_bits), shifts.total)
+    shift = shifts.shift()
+    assert shift is None or largest_move(shift) < 1e-6
+
+
+def test_scores_without_bound_are_taken() -> None:
+    display = Display()
+    endless = follow(display, moved(x=3.0), 6, lambda scores: scores * 1e6)
+    assert largest_move(endless) < 3 * CLOSE_PX
+
+
+def test_a_far_move_is_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
+    display, misplaced = Display(), moved(x=5.0)
+    assert largest_move(follow(display, misplaced, 1, np.asarray)) < 4.0
+    monkeypatch.setattr(corners_module, "FAR_BLOCKS", 0.02)
+    np.testing.assert_array_equal(follow(display, misplaced, 1, np.asarray), misplaced)
+
+
+def test_no_frame_pair_moves_a_corner_by_more_than_a_block() -> None:
+    display, shifts = Display(kappa=20.0), CornerShift(FINE)
+    for far in np.linspace(-40, 40, 17):
+        shifts.take(*display.pair(moved(x=far, y=-far)), shifts.total)
+        shift = shifts.shift()
+        block = FINE.width / FINE.cols
+        assert shift is None or largest_move(shift) < np.sqrt(2) * block
+
+
+def test_a_layout_with_patches_is_never_moved() -> None:
+    layout = make_layout()
+    display, shifts = Display(layout, kappa=10.0), CornerShift(layout)
+    for _ in range(3):
+        shifts.take(*display.pair(moved(x=3.0)), shifts.total)
+        assert shifts.shift() is None

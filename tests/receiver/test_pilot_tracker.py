@@ -1,0 +1,285 @@
+"""A display with pilots is found, followed, moved, lost and found again; odd frames do no harm."""
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+import pytest
+from pilot_films import FINE, MOVING_OUTLINE, OTHER, BlockMeans, filmed, moving_picture
+
+import receiver.tracking.pilots as pilots_module
+from link.code.steps import run_to_end
+from link.presets import PRESETS
+from link.types import Array, Image
+from receiver.locate.candidates import display_candidates
+from receiver.pilots.search.toggle_map import ToggleMap
+from receiver.pilots.stabilise import WIDTH, Stabiliser
+from receiver.receiver import Receiver
+from receiver.timing.synchronise import MIN_FRAMES
+from receiver.tracking.pilots import CHECK_EVERY, PATIENCE, PilotTracker
+
+FPS = 60.0
+"""Frames a second of the films."""
+CLOSE_PX = 4.0
+"""A third of a block as it is filmed; what is left is mended when blocks have been decoded."""
+
+Film = tuple[list[Image], Array]
+"""Images, and the display's corners in each."""
+
+
+@pytest.fixture(scope="module")
+def film() -> Film:
+    return filmed(FINE, 40, seed=2)
+
+
+def found_in(tracker: PilotTracker, images: list[Image]) -> int | None:
+    """Number of the first frame with the display."""
+    for number, image in enumerate(images):
+        if tracker.follow(image, number / FPS) is not None:
+            return number
+    return None
+
+
+@pytest.mark.slow
+def test_a_display_is_found_and_followed() -> None:
+    """Found to parts of a pixel; then the hand leads it astray, in some films more than usual."""
+    farthest = []
+    for seed in range(2, 7):
+        images, corners = filmed(FINE, 40, seed)
+        tracker, seen, off = PilotTracker([OTHER, FINE], FPS), [], []
+        for number, (image, expected) in enumerate(zip(images, corners, strict=True)):
+            tracked = tracker.follow(image, number / FPS)
+            if tracked is not None:
+                assert tracker.layout == FINE
+                off.append(np.abs(tracked.corners - expected).max())
+                assert tracked.rectified.shape == (FINE.height, FINE.width)
+            seen.append(tracked is not None)
+        assert seen == sorted(seen)  # once found it stays
+        assert sum(seen) > 10
+        assert off[0] < 1
+        farthest.append(max(off))
+    assert np.median(farthest) < CLOSE_PX
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("colours", [False, True])
+def test_a_display_that_is_found_is_shown_in_the_frames_before(
+    film: tuple[list[Image], Array], colours: bool
+) -> None:
+    images, corners = film
+    if colours:
+        images = [cv2.cvtColor(image, cv2.COLOR_GRAY2RGB) for image in images]
+    tracker = PilotTracker([OTHER, FINE], FPS)
+    number, tracked = next(
+        (number, tracked)
+        for number, image in enumerate(images)
+        if (tracked := tracker.follow(image, number / FPS)) is not None
+    )
+    times = [time for time, _ in tracked.before]
+    assert times == [earlier / FPS for earlier in range(number - len(times), number)]
+    assert len(times) > 12
+    for earlier, (_, seen) in zip(range(number - len(times), number), tracked.before, strict=True):
+        assert np.abs(seen.corners - corners[earlier]).max() < CLOSE_PX
+        assert seen.rectified.shape == tracked.rectified.shape
+        assert not seen.before
+    following = tracker.follow(images[number + 1], (number + 1) / FPS)
+    assert following is not None
+    assert following.before == ()
+
+
+@pytest.mark.slow
+def test_the_clock_counts_the_frames_of_the_search() -> None:
+    images, _ = filmed(FINE, 60, seed=2)
+    receiver, known = Receiver(BlockMeans(FINE), FPS), []
+    for number, image in enumerate(images):
+        step = receiver.push(image, number / FPS)
+        known.append((step.tracked is not None, receiver.synchronised))
+    found, clock = (list(column).index(True) for column in zip(*known, strict=True))
+    assert found <= clock <= max(found + 2, MIN_FRAMES)
+
+
+@pytest.mark.slow
+def test_a_display_whose_picture_moves_is_found_and_followed() -> None:
+    images, corners = filmed(FINE, 240, seed=2, pan=4.0)
+    tracker, off = PilotTracker([FINE], FPS), []
+    for number, (image, expected) in enumerate(zip(images, corners, strict=True)):
+        tracked = tracker.follow(image, number / FPS)
+        off.append(np.inf if tracked is None else np.abs(tracked.corners - expected).max())
+    assert max(off[-60:]) < CLOSE_PX
+
+
+def test_of_two_motions_that_of_the_points_that_lie_farther_apart_is_chosen() -> None:
+    for far_apart, moved in ((False, 6.0), (True, 0.0)):
+        stabiliser = Stabiliser(moving_picture(0), far_apart=far_apart)
+        H = stabiliser.follow(moving_picture(6))
+        middle = H @ [320.0, 320.0, 1.0]
+        assert middle[0] / middle[2] - 320 == pytest.approx(moved, abs=0.3)
+        assert 0 < stabiliser.share < 0.9
+
+
+def test_around_a_picture_that_moves_all_points_are_those_of_the_room() -> None:
+    stabiliser = Stabiliser(moving_picture(0), far_apart=True, picture=MOVING_OUTLINE)
+    H = stabiliser.follow(moving_picture(6))
+    np.testing.assert_allclose(H / H[2, 2], np.eye(3), atol=0.01)
+    assert stabiliser.share > 0.97
+    everything = np.array([[-50.0, -50.0], [700.0, -50.0], [700.0, 700.0], [-50.0, 700.0]])
+    stabiliser = Stabiliser(moving_picture(0), far_apart=True, picture=everything)
+    assert stabiliser.follow(moving_picture(6)) is not None
+    assert 0 < stabiliser.share < 0.9  # nothing lies around it: points are taken from all over
+
+
+@pytest.mark.slow
+def test_a_display_is_moved_within_its_rectified_image(film: Film) -> None:
+    images, _ = film
+    plain, moved = PilotTracker([FINE], FPS), PilotTracker([FINE], FPS)
+    first = found_in(plain, images)
+    assert first is not None
+    assert first == found_in(moved, images)
+    H = np.eye(3)
+    H[:2, 2] = 7.0, -5.0
+    moved.correct(2 * H)  # the scale of a homography means nothing
+    for number in (first + 1, first + 2):
+        here, there = (tracker.follow(images[number], number / FPS) for tracker in (plain, moved))
+        assert here is not None and there is not None
+        view = cv2.warpPerspective(here.rectified, H, here.rectified.shape[::-1], flags=17)
+        inner = np.s_[20:-20, 20:-20]
+        difference = np.abs(view[inner].astype(float) - there.rectified[inner])
+        assert difference.mean() < 1.0
+        still = np.abs(here.rectified[inner].astype(float) - there.rectified[inner])
+        assert difference.mean() < 0.3 * still.mean()
+    moved.correct(np.linalg.inv(H))
+    here, there = (
+        tracker.follow(images[first + 3], (first + 3) / FPS) for tracker in (plain, moved)
+    )
+    assert here is not None and there is not None
+    assert np.abs(here.corners - there.corners).max() < 1e-3
+
+
+@pytest.mark.slow
+def test_a_display_that_stops_toggling_is_lost_and_found_again(film: Film) -> None:
+    images, _ = film
+    rng = np.random.default_rng(1)
+    tracker = PilotTracker([FINE], FPS)
+    assert found_in(tracker, images) is not None
+    grainy = [
+        np.clip(images[-1] + rng.normal(0, 1, images[-1].shape), 0, 255).astype(np.uint8)
+        for _ in range(8)
+    ]
+    start = len(images)
+    lost = next(n for n in range(300) if tracker.follow(grainy[n % 8], (start + n) / FPS) is None)
+    assert CHECK_EVERY * PATIENCE - len(images) < lost <= CHECK_EVERY * (PATIENCE + 3)
+    again, corners = filmed(FINE, 50, seed=9)
+    number = found_in(tracker, again)
+    tracked = tracker.follow(again[number + 1], (number + 1) / FPS)
+    assert np.abs(tracked.corners - corners[number + 1]).max() < CLOSE_PX
+
+
+@pytest.mark.slow
+def test_a_display_that_the_room_loses_is_followed_by_its_picture_next(film: Film) -> None:
+    """The room may be dark; the picture may not move after all."""
+    images, _ = film
+    tracker = PilotTracker([FINE], FPS)
+    tracker._search.doubt_picture()
+    assert found_in(tracker, images) is not None
+    assert tracker.follow(np.full_like(images[0], 60), len(images) / FPS) is None
+    assert not tracker._search.picture_moves
+
+
+def test_the_pilots_are_looked_at_with_patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Some looks without evidence are borne, one with evidence makes good for them."""
+    tracker = PilotTracker([OTHER], FPS)
+    said = iter([9.0, 0.0, 0.0, 9.0, 0.0, 0.0, 0.0])
+    monkeypatch.setattr(pilots_module, "find_toggling", lambda *_: (next(said), None))
+    view = np.full((OTHER.height, OTHER.width), 90, np.uint8)
+    tracked = pilots_module.Tracked(np.zeros((4, 2)), view)
+    still = [tracker._still_there(tracked, n / FPS) for n in range(8 * CHECK_EVERY)]
+    looks = np.array(still).reshape(8, CHECK_EVERY)[:, -1]
+    # too few frames have been watched at the time of the first look
+    assert looks.tolist() == [True, True, True, True, True, True, True, False]
+    assert still.index(False) == 8 * CHECK_EVERY - 1
+
+
+# odd frames
+
+
+def noise(*shape: int) -> Image:
+    return np.random.default_rng(list(shape)).integers(0, 256, shape, np.uint8)
+
+
+def changing(*images: Image) -> Callable[[int], Image]:
+    """Some frames of each image in turn."""
+    return lambda number: images[number // 14 % len(images)]
+
+
+WALL = np.repeat(noise(24, 32), 5, axis=0).repeat(5, axis=1)
+"""A still picture of 160 x 120 with enough to follow."""
+ODD: dict[str, Callable[[int], Image]] = {
+    "black": lambda _: np.zeros((120, 160, 3), np.uint8),
+    "tiny": lambda _: noise(16, 16, 3),
+    "wide": lambda _: noise(17, 1200),
+    "tall": lambda _: noise(1200, 17),
+    "gray": lambda _: WALL,
+    "noise": lambda number: np.random.default_rng(number).integers(0, 256, (60, 80, 3), np.uint8),
+    "sizes": changing(WALL, noise(90, 110, 3), WALL[:100, :140]),
+    "gray and RGB": changing(WALL, np.repeat(WALL[:, :, None], 3, axis=2)),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ODD)
+def test_odd_frames_hold_no_display(kind: str) -> None:
+    decoders = [BlockMeans(preset.layout) for preset in PRESETS.values()]
+    receiver = Receiver(decoders, 30.0)
+    for number in range(27):
+        step = receiver.push(ODD[kind](number), number / 30)
+        assert (step.tracked, step.pairs, step.message) == (None, [], None)
+    assert receiver.finish().pairs == []
+    assert receiver.found == sum(decoder.pairs for decoder in decoders) == 0
+
+
+@pytest.mark.parametrize(
+    "shape", [(16, 16), (17, 70_000), (3000, 16), (480, 641), (16, 700)], ids=str
+)
+def test_copies_of_any_shape_are_held_still(shape: tuple[int, int]) -> None:
+    gray = noise(*shape)
+    stabiliser = Stabiliser(gray)
+    height, width = stabiliser.still(gray, np.eye(3)).shape
+    assert height >= 1
+    assert 1 <= width <= WIDTH
+    H = stabiliser.follow(gray)
+    if H is not None:
+        np.testing.assert_allclose(H / H[2, 2], np.eye(3), atol=1e-2)
+    corner = np.array([[-0.5, -0.5], [width - 0.5, height - 0.5]])
+    np.testing.assert_allclose(
+        stabiliser.on_image(corner), [[-0.5, -0.5], [shape[1] - 0.5, shape[0] - 0.5]], atol=1e-6
+    )
+    assert stabiliser.follow(np.zeros((50, 50), np.uint8)) is None
+
+
+@pytest.mark.parametrize("shape", [(1, 640), (16, 16), (300, 2)], ids=str)
+def test_what_toggles_nowhere_has_no_outline(shape: tuple[int, int]) -> None:
+    toggling = ToggleMap()
+    for number in range(24):
+        toggling.add(np.full(shape, 90, np.uint8), number)
+    assert all(run_to_end(toggling.outline(f)) is None for f in (0.0, 0.1, 0.25, 0.5, 0.9))
+
+
+def test_very_long_images_have_no_candidates() -> None:
+    for shape in ((17, 70_000, 3), (70_000, 17)):
+        assert display_candidates(np.zeros(shape, np.uint8)) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["size", "colour", "black"])
+def test_a_followed_display_bears_a_change_of_the_frames(kind: str, film: Film) -> None:
+    images, _ = film
+    tracker = PilotTracker([FINE], FPS)
+    assert found_in(tracker, images) is not None
+    changed = {
+        "size": images[-1][:300, :400],
+        "colour": np.repeat(images[-1][:, :, None], 3, axis=2),
+        "black": np.zeros_like(images[-1]),
+    }[kind]
+    for number in range(3):
+        tracked = tracker.follow(np.ascontiguousarray(changed), (len(images) + number) / FPS)
+        assert (tracked is not None) == (kind == "colour")

@@ -1,0 +1,310 @@
+"""From camera frames to the message, and what is said where there is none."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from conftest import ROOT, Command, Finished, Refuses, cases, run_process, slow
+from numpy.typing import NDArray
+from streams import Stream, events_of, states_of, write_film
+
+import receiver.__main__ as receive_cli
+from export.runtime import Decoder
+from link.code.authenticate import Verifier, sign
+from link.code.message import Message
+from link.errors import InputError
+from link.images import write_image
+from link.images.video import VideoReader, read_video, write_video
+from link.layout import make_layout
+from link.types import Image
+from receiver.inbox import Inbox
+from receiver.reading import reader
+from receiver.reading.reader import PAIRS_A_FRAME
+from receiver.receiver import Receiver, as_uint8
+from receiver.sources import open_source
+from receiver.timing.synchronise import MAX_SAMPLES, Synchroniser
+from receiver.timing.toggles import PatchToggles
+
+MODEL = ROOT / "models" / "pretrained" / "ratex" / "decoder.onnx"
+LAYOUT = make_layout()
+TEXT = b"hidden"
+
+
+@pytest.fixture(scope="module")
+def decoder() -> Decoder:
+    return Decoder(MODEL)
+
+
+@pytest.fixture(scope="module")
+def states() -> list[Image]:
+    return states_of(TEXT, LAYOUT, np.random.default_rng(5))
+
+
+def listen(
+    decoder: Decoder,
+    states: list[Image],
+    stream: Stream,
+    *,
+    seconds: float = 6,
+    spoil: object = None,
+) -> tuple[Receiver, bytes | None]:
+    """Push a stream until the message comes; ``spoil`` may change or drop (None) an image."""
+    receiver = Receiver(decoder, stream.fps)
+    rng = np.random.default_rng(6)
+    for number, (time, image, _) in enumerate(stream.frames(states, seconds, rng)):
+        seen = spoil(number, image) if callable(spoil) else image
+        if seen is None:
+            continue
+        step = receiver.push(seen, time)
+        assert len(step.pairs) <= PAIRS_A_FRAME
+        if step.message is not None:
+            return receiver, step.message.data
+    step = receiver.finish()
+    return receiver, step.message.data if step.message is not None else None
+
+
+@cases(
+    Stream(),
+    slow(Stream(state_hz=10.07, readout=0.0)),
+    slow(Stream(state_hz=29.8, fps=60, shutter=1 / 120)),
+    slow(Stream(state_hz=30.2, readout=0.025, shutter=1 / 100)),
+    slow(Stream(turn=2, readout=0.02)),
+    ids=lambda s: f"{s.state_hz}Hz_{s.fps:.0f}fps_turn{s.turn}",
+)
+def test_a_free_running_camera_reads_the_message(
+    stream: Stream, decoder: Decoder, states: list[Image]
+) -> None:
+    receiver, data = listen(decoder, states, stream)
+    assert data == TEXT
+    assert receiver.state_hz is not None
+    # at one state a frame, a little faster and a little slower look alike in every frame
+    mirrored = 2 * stream.fps - receiver.state_hz
+    assert (
+        min(abs(rate - stream.state_hz) for rate in (receiver.state_hz, mirrored))
+        < 0.01 * stream.state_hz
+    )
+
+
+@pytest.mark.slow
+def test_corners_follow_the_display(decoder: Decoder, states: list[Image]) -> None:
+    receiver = Receiver(decoder)
+    errors: list[float] = []
+    for number, (time, image, corners) in enumerate(
+        Stream().frames(states, 1, np.random.default_rng(0))
+    ):
+        tracked = receiver.push(image, time).tracked
+        if tracked is None and not errors:
+            assert number < 4  # a search is spread over some frames
+            continue
+        errors.append(np.linalg.norm(tracked.corners - corners, axis=1).max())
+    assert max(errors) < 2.0
+    assert np.median(errors) < 1.0
+
+
+def spoils(kind: str) -> object:
+    rng = np.random.default_rng(7)
+
+    def spoil(number: int, image: Image) -> NDArray[np.generic] | None:
+        if kind == "dropped":
+            return None if rng.random() < 0.1 else image
+        if kind == "leaves":
+            return np.full_like(image, 60) if 25 <= number < 60 else image
+        if kind == "exposure jumps":
+            return np.clip(image * (0.75 if number // 40 % 2 else 1.0), 0, 255).astype(np.uint8)
+        if kind == "passer-by":
+            x = 4 * number % 640
+            image = image.copy()
+            image[150:, max(0, x - 60) : x + 60] = (40, 35, 30)
+            return image
+        if kind == "gray":
+            return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
+        return image.astype(np.uint16) * 257
+
+    return spoil
+
+
+@cases("passer-by", *map(slow, ("dropped", "leaves", "exposure jumps", "gray", "16 bits")))
+def test_disturbances(kind: str, decoder: Decoder, states: list[Image]) -> None:
+    _, data = listen(decoder, states, Stream(), seconds=12, spoil=spoils(kind))
+    assert data == TEXT
+
+
+KEY = bytes(range(32))
+SMALL = Stream(phase=0, size=(320, 240))
+"""The stream of films in files."""
+
+
+def film_of(path: Path, shown: list[tuple[bytes, int]]) -> Path:
+    """A film of a display that shows messages one after another, each for some loops."""
+    states = []
+    for message, loops in shown:
+        states += loops * states_of(message, LAYOUT, np.random.default_rng(5))
+    seconds = len(states) / SMALL.state_hz
+    film = SMALL.frames(states, seconds, np.random.default_rng(2))
+    return write_film(path, (image for _, image, _ in film))
+
+
+@pytest.mark.slow
+def test_command_says_that_the_message_has_changed(tmp_path: Path, command: Command) -> None:
+    film = film_of(tmp_path / "film.avi", [(b"before", 4), (b"behind", 2), (b"later on", 2)])
+    done = command(receive_cli.main, film, "--keep-on", "--out", tmp_path / "text")
+    said = [line for line in events_of(done.stdout) if line["event"] == "message"]
+    assert [(line["text"], line.get("changed")) for line in said] == [
+        ("before", None),
+        ("behind", True),
+        ("later on", True),
+    ]
+    assert (tmp_path / "text").read_bytes() == b"later on"
+
+
+@pytest.mark.slow
+def test_command_delivers_only_what_was_sent_with_the_key(tmp_path: Path, command: Command) -> None:
+    (tmp_path / "key").write_bytes(KEY)
+    new, old = sign(b"new", KEY, 1001), sign(b"old", KEY, 1000)
+    shown = [(b"forged: obey", 3), (new, 2), (old, 2)]
+    film = film_of(tmp_path / "film.avi", shown)
+    words = (film, "--keep-on", "--out", tmp_path / "text", "--key", tmp_path / "key")
+    done = command(receive_cli.main, *words)
+    lines = events_of(done.stdout)
+    refused = [line for line in lines if line["event"] == "refused"]
+    assert [(line["stale"], line.get("text")) for line in refused] == [(False, None), (True, "old")]
+    assert "obey" not in done.stdout
+    said = [line for line in lines if line["event"] == "message"]
+    assert [(line["text"], line["stamp"], line.get("changed")) for line in said] == [
+        ("new", 1001, None)
+    ]
+    assert lines[-1]["message"] == "new"
+    assert (tmp_path / "text").read_bytes() == b"new"
+    done = command(receive_cli.main, *words, "--max-age", 3600, status=2)
+    assert "every message was refused (3)" in done.stderr
+
+
+def test_who_has_no_key_sees_a_signed_message_without_stamp_and_tag(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    signed = Message(sign(b"new", KEY, 1001), 4, 3, 0.9, signed=True)
+    assert receive_cli.say([Inbox(None).take(signed)], tmp_path / "text")
+    (said,) = events_of(capsys.readouterr().out)
+    assert (said["text"], said["hex"], said["signed"]) == ("new", b"new".hex(), "not checked")
+    assert (tmp_path / "text").read_bytes() == b"new"
+    checked = Inbox(Verifier(KEY)).take(signed)
+    assert checked["event"] == "message"
+    assert (checked["text"], checked["stamp"], "signed" in checked) == ("new", 1001, False)
+    refused = Inbox(Verifier(KEY)).take(replace(signed, data=b"obey" + bytes(12)))
+    assert refused["event"] == "refused"
+    assert "tag does not fit" in refused["reason"]
+    old = Inbox(None).take(replace(signed, signed=False))  # of a sender without the flag
+    assert bytes.fromhex(old["hex"]) == signed.data
+    assert "signed" not in old
+
+
+@pytest.mark.parametrize("name", ["²", "٣", "9" * 23, "film"])
+def test_names_that_are_no_camera_are_names_of_files(name: str) -> None:
+    with pytest.raises(InputError, match="no such folder, video file or camera number"):
+        open_source(name)
+
+
+@cases((5, 60), (2, 30), (0.5, 30))
+def test_a_nominal_rate_that_is_far_too_low_finds_no_clock(nominal: float, real: float) -> None:
+    """As of a camera that does not know its own rate, or of a wrong --fps."""
+    clock, rng = Synchroniser(nominal, PatchToggles(make_layout())), np.random.default_rng(0)
+    for number in range(120):
+        clock.add(number / real, 3.0 * (number // 2 % 2) + rng.normal(0, 1, 5))
+    assert clock.clock is None
+
+
+def test_times_that_stand_still_fill_no_memory() -> None:
+    clock = Synchroniser(30, PatchToggles(make_layout()))
+    for _ in range(MAX_SAMPLES + 10):
+        clock.add(1.0, np.zeros(5))
+    assert len(clock._samples) == MAX_SAMPLES
+
+
+@pytest.mark.slow
+def test_memory_is_bounded(decoder: Decoder, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A display that shows one state for ever fills no buffer without end."""
+    monkeypatch.setattr(reader, "BUFFER", 40)
+    rng = np.random.default_rng(0)
+    still = states_of(TEXT, LAYOUT, rng)[:1]
+    receiver = Receiver(decoder)
+    image = next(SMALL.frames(still, 1, rng))[1]
+    for number in range(60):
+        assert receiver.push(image, number / 30).message is None
+    assert len(receiver._reader._buffer) == 40
+    assert receiver.decoded == 0
+
+
+@cases(np.zeros((8, 8)), np.zeros((64, 64, 4), np.uint8), np.zeros((64, 64)))
+def test_arrays_that_are_no_images_are_refused(image: NDArray[np.generic]) -> None:
+    with pytest.raises(InputError):
+        as_uint8(image)
+
+
+def receive(*words: object, status: int = 0) -> Finished:
+    return run_process(sys.executable, "-m", "receiver", *words, status=status)
+
+
+@pytest.mark.slow
+def test_command_reads_a_folder_and_draws(tmp_path: Path, states: list[Image]) -> None:
+    """Single images, two of each state in order: no clock fits, their order is enough."""
+    rng = np.random.default_rng(1)
+    camera = Stream(noise=1.0)
+    for number, state in enumerate(states * 2):
+        image = next(camera.frames([state], 1, rng))[1]
+        write_image(tmp_path / "in" / f"{number:04d}.png", image)
+    done = receive(tmp_path / "in", "--show", tmp_path / "show", "--out", tmp_path / "text")
+    lines = events_of(done.stdout)
+    assert [line["text"] for line in lines if line["event"] == "message"] == [TEXT.decode()]
+    assert lines[-1]["event"] == "end"
+    assert (tmp_path / "text").read_bytes() == TEXT
+    assert list((tmp_path / "show").glob("*.png"))
+
+
+@pytest.mark.slow
+def test_command_reads_two_images_in_either_order(tmp_path: Path, states: list[Image]) -> None:
+    rng = np.random.default_rng(1)
+    for name, state in (("a", states[0]), ("b", states[1])):
+        write_image(tmp_path / f"{name}.png", next(Stream().frames([state], 1, rng))[1])
+    forward = receive(tmp_path / "a.png", tmp_path / "b.png")
+    backward = receive(tmp_path / "b.png", tmp_path / "a.png")
+    assert events_of(forward.stdout)[-1]["bits"] == events_of(backward.stdout)[-1]["bits"]
+    assert "same state" in receive(*2 * (tmp_path / "a.png",), status=2).stderr
+
+
+@pytest.mark.slow
+def test_command_reads_a_video(tmp_path: Path, states: list[Image]) -> None:
+    film = SMALL.frames(states, 3, np.random.default_rng(2))
+    path = write_film(tmp_path / "film.avi", (image for _, image, _ in film))
+    assert events_of(receive(path).stdout)[-1]["message"] == TEXT.decode()
+    whole = path.read_bytes()
+    (tmp_path / "cut.avi").write_bytes(whole[: len(whole) // 12])
+    cut = receive(tmp_path / "cut.avi", status=2)
+    assert cut.stderr.strip().splitlines()[-1].startswith("error: ")
+    assert "Traceback" not in cut.stderr
+
+
+def test_a_video_that_breaks_off_is_an_error_for_the_sender_and_a_warning_for_the_receiver(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rng = np.random.default_rng(0)
+    noise = rng.integers(0, 256, (60, 80, 120, 3), dtype=np.uint8)
+    write_video(tmp_path / "whole.avi", noise, 30)
+    whole = (tmp_path / "whole.avi").read_bytes()
+    (tmp_path / "cut.avi").write_bytes(whole[: len(whole) // 3])
+    whole_film = VideoReader(tmp_path / "whole.avi")
+    assert (whole_film.fps, len(list(whole_film.frames())), whole_film.broken_off) == (30, 60, None)
+    with pytest.raises(InputError, match="breaks off after") as error:
+        list(read_video(tmp_path / "cut.avi"))
+    received = list(open_source(str(tmp_path / "cut.avi")).frames)
+    assert capsys.readouterr().err == f"warning: {error.value}\n"
+    assert 10 < len(received) < 30
+    np.testing.assert_array_equal(received[9].image, noise[9])
+    assert received[9].time == pytest.approx(0.3)
+
+
+def test_command_says_why_there_is_no_message(tmp_path: Path, refuses: Refuses) -> None:
+    write_image(tmp_path / "a.png", np.full((200, 300, 3), 90, np.uint8))
+    refuses("receiver.__main__", ".", "no display that is looked for", began=True)

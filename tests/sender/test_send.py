@@ -1,0 +1,653 @@
+"""The sender: what it writes holds the message, exactly, and wrong input gives one line."""
+
+import base64
+import json
+import re
+import shutil
+import sys
+import time
+import zlib
+from collections.abc import Callable, Iterator
+from io import StringIO
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from conftest import Command, Finished, Refuses, cases, run_process, slow
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from PIL import Image
+
+import sender.__main__ as send_cli
+import sender.likeness as likeness_module
+import sender.pictures as pictures_module
+import sender.player as player_module
+from link.code import framing
+from link.code.authenticate import sign, verify
+from link.code.collect import make_collector
+from link.embed import with_head_room
+from link.errors import InputError
+from link.images import fit_picture, read_image, write_image
+from link.images.quality import psnr
+from link.images.video import read_video, write_video
+from link.layout import COLOURS, MODULATIONS, Layout, make_layout
+from link.loop import Loop
+from link.presets import DEFAULT_PRESET, PRESETS
+from sender.hiding import MESSAGE_SEED, SECONDS, Hiding, Onlooker
+from sender.likeness import Likeness
+from sender.pictures import note_coarse, open_pictures
+from sender.player import write_player
+from sender.visibility.flicker import contrast_over_threshold, random_message
+from sender.visibility.viewing import PICTURE_LEVELS, Viewing
+from sender.write import write_states
+
+LAYOUT = make_layout(5, 6, 120, 80, 2)
+GRID = ("--rows", 5, "--cols", 6, "--width", 120, "--height", 80, "--ratex", 2)
+FLAGS = ("--preset", "paper", *GRID)
+MESSAGE = "héllo"
+SENT = framing.encode(MESSAGE.encode(), LAYOUT.n_bits)
+
+
+def noise(height: int, width: int, seed: int = 0) -> NDArray[np.uint8]:
+    return np.random.default_rng(seed).integers(0, 256, (height, width, 3), dtype=np.uint8)
+
+
+def read_bits(pair: tuple[NDArray[np.uint8], NDArray[np.uint8]], layout: Layout) -> list[int]:
+    """Hard decisions by subtracting, one pixel from the middle of each message block."""
+    added = pair[1].astype(int) - pair[0]
+    bits = []
+    for row, col in np.argwhere(layout.message_mask):
+        top, bottom, left, right = layout.cell_box(int(row), int(col))
+        bits.append(int(added[(top + bottom) // 2, (left + right) // 2, 0] > 0))
+    return bits
+
+
+def pairs_of(states: list[NDArray[np.uint8]]) -> list[tuple[Any, Any]]:
+    return list(zip(states[::2], states[1::2], strict=True))
+
+
+def unpacked(text: str, channels: int = 1) -> NDArray[np.intp]:
+    """Numbers of the page, (N, channels)."""
+    steps = np.frombuffer(zlib.decompress(base64.b64decode(text)), np.uint8)
+    return np.cumsum(steps.reshape(-1, channels), axis=0, dtype=np.intp) % 256
+
+
+def read_player(file: Path) -> dict[str, Any]:
+    """The loop that the page holds."""
+    held = re.findall(
+        r'<script type="application/json" id="loop">(.*?)</script>', file.read_text(), re.DOTALL
+    )
+    assert len(held) == 1
+    loop: dict[str, Any] = json.loads(held[0])
+    return loop
+
+
+def player_states(file: Path) -> list[NDArray[np.uint8]]:
+    """The states that a page computes, by its rule, written here in numpy once more."""
+    loop = read_player(file)
+    width, height, rows, cols = (loop[name] for name in ("width", "height", "rows", "cols"))
+    y, x = np.indices((height, width))
+    offsets = unpacked(loop["offsets"], 3).reshape(2, 2, -1, 3) - 128
+    patches = unpacked(loop["patches"]).reshape(height, width) if loop["patches"] else 0
+    states = []
+    for number, (picture, bits) in enumerate(zip(loop["shown"], loop["bits"], strict=True)):
+        if loop["changes"]:
+            numbers = unpacked(loop["changes"][number]).reshape(height, width)
+        else:
+            known, following = loop["known"][number % len(loop["known"])], iter(bits)
+            shown = [next(following) if letter == "." else letter for letter in known]
+            blocks = np.array(shown, np.intp).reshape(rows, cols)
+            if loop["steps"][picture]:
+                blocks += 2 * unpacked(loop["steps"][picture]).reshape(rows, cols)
+            numbers = blocks[y * rows // height, x * cols // width]
+        numbers = np.where(patches > 0, patches, numbers)
+        packed = loop["pictures"][picture]
+        channels = len(unpacked(packed)) // (width * height)
+        levels = unpacked(packed, channels).reshape(height, width, channels)
+        for half in offsets[number % 2]:
+            state = levels + half[16 * numbers + 4 * (y % 4) + x % 4]
+            assert state.min() >= 0
+            assert state.max() <= 255  # so a page may add all channels at once
+            states.append(state.astype(np.uint8))
+    return states
+
+
+def folder_states(folder: Path) -> list[NDArray[np.uint8]]:
+    return [read_image(file) for file in sorted(folder.glob("state_*.png"))]
+
+
+READ = {"": folder_states, ".html": player_states, ".avi": read_video, ".mkv": read_video}
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("inputs")
+    write_image(folder / "picture.png", noise(80, 120))
+    for number in range(SENT.shape[0] + 2):
+        write_image(folder / "many" / f"{number:02d}.png", noise(80, 120, number))
+    (folder / "key").write_bytes(bytes(range(32)))
+    (folder / "layout.json").write_text(json.dumps(LAYOUT.to_dict()))
+    video = folder / "clip.avi"
+    write_video(video, (np.full((80, 120, 3), number, np.uint8) for number in range(60)), 30)
+    return folder
+
+
+def notes(done: Finished) -> list[str]:
+    """What is said on stderr, but of flicker, and that the pictures of these tests are small."""
+    usual = ("looks coarse", "the flicker is plain to see", "the blocks flash")
+    return [line for line in done.stderr.splitlines() if not any(map(line.__contains__, usual))]
+
+
+def report(done: Finished) -> Any:
+    assert notes(done)[1:] == []
+    assert re.match(r"note: [\d.]+ states a second need a camera of \d+ frames", notes(done)[0])
+    assert len(done.stdout.splitlines()) == 1
+    return json.loads(done.stdout)
+
+
+Send = Callable[..., Any]
+
+
+@pytest.fixture
+def send(inputs: Path, command: Command) -> Send:
+    """Write `MESSAGE` over a picture into ``out``, with more words; what the command reports."""
+
+    def run(out: Path, *words: object, over: str = "picture.png") -> Any:
+        line = (inputs / over, "--message", MESSAGE, "--out", out, *words)
+        return report(command(send_cli.main, *line))
+
+    return run
+
+
+@pytest.mark.parametrize("kind", READ)
+def test_every_output_holds_the_message(kind: str, tmp_path: Path, send: Send) -> None:
+    out = tmp_path / f"sent{kind}"
+    said = send(out, *FLAGS)
+    states = list(READ[kind](out))
+    assert [read_bits(pair, LAYOUT) for pair in pairs_of(states)] == SENT.tolist()
+    assert list(tmp_path.iterdir()) == [out]  # no temporary file
+    assert said["frames"] == said["pairs"] == len(SENT)
+    assert said["message_bytes"] == len(MESSAGE.encode()) <= said["capacity_bytes"]
+    assert said["capacity_bytes"] == framing.capacity(len(SENT), LAYOUT.n_bits)
+    assert said["loop_seconds"] == said["message_seconds"] == round(2 * len(SENT) / 15, 3)
+    assert said["bound_bit_per_s"] == LAYOUT.n_bits * 15 / 2 > said["message_bit_per_s"] > 0
+    assert said["layout"] == LAYOUT.to_dict()
+    errors = [np.mean((a.astype(float) - b) ** 2) for a, b in pairs_of(states)]
+    assert said["psnr_db"] == pytest.approx(10 * np.log10(255**2 / np.mean(errors)), abs=0.006)
+    assert 0.9 < said["ssim"] < 1
+
+
+def test_all_outputs_show_the_same_states(inputs: Path, tmp_path: Path, send: Send) -> None:
+    shown = []
+    for kind, read in READ.items():
+        out = tmp_path / f"sent{kind}"
+        send(out, *FLAGS, "--kappa", 8, "--pyramid-level", 2)
+        shown.append(list(read(out)))
+    for states in shown[1:]:
+        np.testing.assert_array_equal(states, shown[0])
+    original = with_head_room(read_image(inputs / "picture.png"), 8)
+    mask = np.kron(LAYOUT.message_mask, np.ones((16, 20), bool))
+    np.testing.assert_array_equal(shown[0][0][mask], original[mask])
+    assert len(np.unique(shown[0][1].astype(int) - shown[0][0])) > 3  # soft edges
+
+
+def test_the_folder_says_what_was_sent(inputs: Path, tmp_path: Path, command: Command) -> None:
+    out = tmp_path / "sent"
+    out.mkdir()  # an empty folder will do
+    done = command(
+        send_cli.main,
+        *(inputs / "picture.png", "--file", inputs / "layout.json", "--out", out),
+        *("--layout", inputs / "layout.json", "--state-hz", 10),
+    )
+    said = report(done)
+    assert json.loads((out / "sent.json").read_text()) | {"out": str(out)} == said
+    assert said["state_hz"] == 10
+    collector = make_collector(LAYOUT.n_bits)
+    received = None
+    for count, pair in enumerate(pairs_of(folder_states(out))):
+        received = received or collector.add(
+            8.0 * (2 * np.array(read_bits(pair, LAYOUT)) - 1), count
+        )
+    assert received.data == (inputs / "layout.json").read_bytes()
+
+
+def test_a_key_adds_stamp_and_tag_to_the_message_and_nothing_else(
+    inputs: Path, tmp_path: Path, send: Send
+) -> None:
+    send(tmp_path / "sent", *FLAGS, "--key", inputs / "key", "--counter", 5)
+    signed = sign(MESSAGE.encode(), bytes(range(32)), 5)
+    bits = framing.encode(signed, LAYOUT.n_bits, signed=True)
+    shown = pairs_of(folder_states(tmp_path / "sent"))
+    assert [read_bits(pair, LAYOUT) for pair in shown] == bits.tolist()
+    before = int(time.time())
+    send(tmp_path / "timed", *FLAGS, "--key", inputs / "key")
+    shown = pairs_of(folder_states(tmp_path / "timed"))
+    scores = np.array([read_bits(pair, LAYOUT) for pair in shown]) * 16.0 - 8
+    received = framing.decode(scores)
+    assert received is not None and received.signed
+    found = verify(received.data, bytes(range(32)))
+    assert before <= found.stamp <= time.time()
+
+
+def test_a_folder_shows_every_picture_and_whole_messages(
+    inputs: Path, tmp_path: Path, send: Send
+) -> None:
+    out = tmp_path / "sent"
+    said = send(out, *FLAGS, over="many")
+    assert said["pairs"] == 2 * said["frames"] == 2 * len(SENT)
+    pictures = [with_head_room(read_image(f), 3) for f in sorted((inputs / "many").iterdir())]
+    pairs = pairs_of(folder_states(out))
+    mask = np.kron(LAYOUT.message_mask, np.ones((16, 20), bool))
+    for number, pair in enumerate(pairs):
+        np.testing.assert_array_equal(pair[0][mask], pictures[number % len(pictures)][mask])
+        assert read_bits(pair, LAYOUT) == SENT[number % len(SENT)].tolist()
+
+
+@cases((7.5, 4), (30, 1), (60, 0.5), (20, 1.5))
+def test_a_video_keeps_its_speed(pair_hz: float, step: float, inputs: Path) -> None:
+    shown = [int(frame[0, 0, 0]) for frame in open_pictures(inputs / "clip.avi", pair_hz)()]
+    assert (
+        shown == [int(np.ceil(step * number)) for number in range(round(60 / step))][: len(shown)]
+    )
+    assert len(shown) == pytest.approx(60 / step, abs=1)
+
+
+def test_a_player_holds_each_picture_once(tmp_path: Path, send: Send) -> None:
+    out = tmp_path / "sent.html"
+    send(out, *FLAGS, "--hold", 6)
+    loop = read_player(out)
+    assert [loop[key] for key in ("width", "height", "state_hz")] == [120, 80, 10]
+    assert len(loop["pictures"]) == 1
+    assert loop["shown"] == [0] * len(SENT)
+    assert loop["bits"] == ["".join(map(str, bits)) for bits in SENT.tolist()]
+    assert (loop["rows"], loop["cols"], loop["kappa"]) == (5, 6, 3)
+    text = out.read_text()
+    policy = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+    assert f'content="{policy}"' in text
+    assert "http" not in re.sub(r"http-equiv", "", text)
+    assert not re.search(r"(?:src|href)=|@import|url\(|innerHTML", text)
+
+
+# Presets
+
+
+@cases("hidden", slow("paper"), slow("fast"), slow("robust"), slow(None))
+def test_a_preset_says_all_and_no_flag_is_needed(
+    name: str | None, tmp_path: Path, send: Send
+) -> None:
+    said = send(tmp_path / "sent.html", *(("--preset", name) if name else ()))
+    preset = PRESETS[name or DEFAULT_PRESET]
+    assert said["preset"] == (name or DEFAULT_PRESET)
+    assert said["layout"] == preset.layout.to_dict()
+    assert (said["kappa"], said["state_hz"]) == (preset.kappa, preset.state_hz)
+    assert read_player(tmp_path / "sent.html")["state_hz"] == preset.state_hz
+    assert said["needs_camera_fps"] == preset.needs_camera_fps == 30
+    assert (said["visibility_block"] <= 1) == (preset is PRESETS["hidden"])
+    assert 0 < said["message_bit_per_s"] < said["bound_bit_per_s"]
+
+
+def test_flags_change_a_preset(inputs: Path, tmp_path: Path, send: Send) -> None:
+    words = ("--preset", "hidden", "--width", 256, "--height", 192)
+    words += ("--size", "256x192", "--fit", "stretch")
+    more = ("--rows", 24, "--cols", 32, "--kappa", 2, "--hold", 2, "--distance", 0.6)
+    said = send(tmp_path / "a", *words, *more)
+    code = PRESETS["hidden"].layout.code
+    layout = make_layout(24, 32, 256, 192, modulation="antipodal", pilots="auto", code=code)
+    assert said["layout"] == layout.to_dict()
+    assert (said["kappa"], said["state_hz"]) == (2, 30)
+    seen = Hiding(layout, 30, Onlooker(distance=0.6), even=True).seen(2)
+    assert said["visibility_block"] == round(seen, 3)
+    patches = ("--ratex", 2, "--modulation", "on_off", "--refresh", 50)
+    said = send(tmp_path / "b.html", *words, *patches)
+    assert said["layout"] == make_layout(48, 64, 256, 192, ratex=2).to_dict()
+    assert said["state_hz"] == 50  # one refresh a state comes closest to 60
+    layout_of = ("--preset", "hidden", "--layout", inputs / "layout.json")
+    said = send(tmp_path / "c.mkv", *layout_of)
+    assert (said["layout"], said["kappa"]) == (LAYOUT.to_dict(), 1)
+
+
+@cases(
+    ((), (120, 80, "cover", False)),
+    (("--fit", "stretch"), (120, 80, "stretch", False)),
+    (("--size", "300x160"), (300, 160, "contain", False)),
+    (("--size", "160x300", "--fit", "cover"), (160, 300, "cover", True)),
+    ids=["usual", "fit", "size", "upright"],
+)
+def test_a_display_has_its_own_size(
+    words: tuple[str, ...], display: tuple[int, int, str, bool], tmp_path: Path, send: Send
+) -> None:
+    said = send(tmp_path / "sent", *FLAGS, *words)
+    assert tuple(said["display"].values()) == display
+    assert said["layout"] == LAYOUT.to_dict()
+    states = folder_states(tmp_path / "sent")
+    assert {state.shape for state in states} == {(display[1], display[0], 3)}
+    turned = LAYOUT.resized(*sorted(display[:2], reverse=True))
+    if display[2] != "contain":  # black lies beside no picture
+        lying = [np.rot90(state, -1) if display[3] else state for state in states]
+        assert [read_bits(pair, turned) for pair in pairs_of(lying)] == SENT.tolist()
+
+
+@pytest.mark.parametrize("size", ["1920", "0x5", "9000x10", "8000x8000", "axb"])
+def test_a_size_that_no_display_has_is_refused(size: str, inputs: Path, refuses: Refuses) -> None:
+    words = (inputs / "picture.png", "--message", MESSAGE, "--out", "sent", "--size", size)
+    refuses("sender.__main__", words, "--size: need WIDTHxHEIGHT in pixels")
+
+
+def test_what_the_picture_changes_by_is_reported(tmp_path: Path, send: Send) -> None:
+    """Patches replace the picture and lift blacks; a change of one level leaves it as it is."""
+    patched = send(tmp_path / "a", *FLAGS)
+    pilots = ("--ratex", 0, "--pilots", "0.2", "--modulation", "antipodal", "--kappa", 1)
+    kept = send(tmp_path / "b", *FLAGS[:-2], *pilots)
+    assert kept["delta_e_mean"] <= kept["delta_e_95"] < 0.3
+    assert 1 < patched["delta_e_mean"] < patched["delta_e_95"]
+
+
+def animate(file: Path, levels: tuple[int, ...]) -> Path:
+    """Write plain pictures of these levels that follow one another."""
+    first, *rest = (Image.fromarray(np.full((96, 128, 3), level, np.uint8)) for level in levels)
+    first.save(file, save_all=True, append_images=rest, duration=100)
+    return file
+
+
+def test_what_moves_is_told_where_pilots_take_the_place_of_patches(
+    inputs: Path, tmp_path: Path, command: Command
+) -> None:
+    sources = [animate(tmp_path / f"{n}.gif", (30, 90, 150)[:n]) for n in (1, 3)]
+    for number in range(2):
+        sources.append(tmp_path / f"folder{number}")
+        for name in range(number + 1):
+            write_image(sources[-1] / f"{name}.png", np.full((96, 128, 3), 99, np.uint8))
+    told = []
+    for number, source in enumerate([*sources, inputs / "clip.avi", sources[1]]):
+        line = ("--message", "Hi", "--preset", "robust", "--out", tmp_path / f"{number}.html")
+        line += ("--ratex", 2) if number == 5 else ()
+        told.append(send_cli.MOVING in notes(command(send_cli.main, source, *line)))
+    assert told == [False, True, False, True, True, False]
+
+
+def test_a_bar_appears_where_writing_takes_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    for after_s, shown in ((60.0, False), (0.0, True)):
+        monkeypatch.setattr(player_module, "BAR_AFTER_S", after_s)
+        monkeypatch.setattr("sys.stderr", terminal := StringIO())
+        terminal.isatty = lambda: True  # type: ignore[method-assign]
+        assert list(player_module.with_bar(iter("ab"), 2, "pair")) == ["a", "b"]
+        assert ("pair" in terminal.getvalue()) == shown
+
+
+def test_a_picture_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in "ab":
+        write_image(tmp_path / f"{name}.png", noise(192, 256))
+    read = []
+    usual = pictures_module.read_picture
+    monkeypatch.setattr(
+        pictures_module, "read_picture", lambda path, limit: read.append(path) or usual(path, limit)
+    )
+    layout = make_layout(8, 8, 128, 96)
+    for source, times in (tmp_path / "a.png", 1), (tmp_path, 2):
+        read.clear()
+        bits = framing.encode(b"Hi", layout.n_bits)[:2]
+        loop = Loop(layout, 3, bits, open_pictures(source, 7.5))
+        assert (loop.placement.display_size, len(list(loop.carriers()))) == ((256, 192), 2)
+        assert len(read) == times
+
+
+@cases((".png", np.uint8), (".png", np.uint16), (".webp", np.uint8))
+def test_what_is_transparent_is_white_and_told_once(
+    suffix: str, kind: type, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    most = np.iinfo(kind).max
+    image = np.zeros((96, 128, 4), kind)  # black beneath
+    image[:, :64, 3] = most
+    image[:48, :, 3] = most // 2
+    name = tmp_path / f"a{suffix}"
+    assert cv2.imwrite(str(name), image, [cv2.IMWRITE_WEBP_QUALITY, 101])
+    pictures = open_pictures(name, 5.0)
+    picture = next(pictures())
+    assert abs(int(picture[0, 0, 0]) - 128) <= 1
+    assert picture[90, 10].tolist() == [0, 0, 0]
+    assert picture[90, 120].tolist() == [255, 255, 255]
+    shutil.copy(name, tmp_path / f"b{suffix}")
+    assert len(list(open_pictures(tmp_path, 5.0)())) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert said == 2 * [f"note: {name}: what is transparent is shown as white"]
+    image[..., 3] = most
+    assert cv2.imwrite(str(name), image)
+    assert not next(open_pictures(name, 5.0)()).any()
+    assert capsys.readouterr().err == ""
+
+
+@cases(
+    ("a.heic", bytes(4) + b"ftypheic" + bytes(500), "HEIC"),
+    ("a.jpg", bytes(4) + b"ftypmif1" + bytes(500), "HEIC"),
+    ("a.svg", b'<?xml version="1.0"?>\n<svg xmlns="http://www.w3.org/2000/svg"/>', "SVG"),
+)
+def test_kinds_that_are_not_read_are_named(
+    name: str, data: bytes, kind: str, tmp_path: Path
+) -> None:
+    (tmp_path / name).write_bytes(data)
+    with pytest.raises(InputError, match=rf"{name}: {kind} is not read; save it as JPEG or PNG"):
+        open_pictures(tmp_path / name, 5.0)
+
+
+def test_a_picture_that_is_much_enlarged_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    note_coarse((300, 300), (512, 512))
+    assert capsys.readouterr().err == ""
+    note_coarse((50, 40), (512, 410))
+    said = capsys.readouterr().err
+    assert "a picture of 50x40 is shown as 512x410 pixels, and looks coarse" in said
+
+
+@pytest.mark.parametrize("suffix", [".webp", ".png"])
+def test_an_animation_that_would_lose_its_pictures_is_refused(suffix: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="an animation; save one picture of it, or all as GIF"):
+        open_pictures(animate(tmp_path / f"moves{suffix}", (30, 90)), 7.5)
+    assert len(list(open_pictures(animate(tmp_path / f"still{suffix}", (30,)), 7.5)())) == 1
+
+
+shapes = st.tuples(st.integers(4, 9), st.integers(5, 9))
+known = st.one_of(
+    st.builds(lambda count: {"ratex": count}, st.sampled_from([0, 1, 2, 3, 5])),
+    st.builds(lambda count: {"pilots": count}, st.integers(2, 8)),
+)
+"""Patches or pilots of a layout."""
+
+
+@settings(max_examples=20)
+@given(
+    shapes,
+    known,
+    st.sampled_from(list(MODULATIONS)),
+    st.sampled_from(list(COLOURS)),
+    st.tuples(st.integers(0, 40), st.integers(0, 40)),
+    st.binary(min_size=1, max_size=12),
+    st.integers(1, 64),
+    st.integers(0, 1),
+    st.booleans(),
+)
+def test_any_layout_survives_folder_and_player(
+    shape: tuple[int, int],
+    known: dict[str, int],
+    modulation: str,
+    colour: str,
+    more: tuple[int, int],
+    message: bytes,
+    kappa: int,
+    pyramid_level: int,
+    even: bool,
+) -> None:
+    rows, cols = shape
+    size = 8 * cols + more[0], 8 * rows + more[1]
+    known = {"ratex": 0} if colour != "gray" and "ratex" in known else known
+    layout = make_layout(rows, cols, *size, modulation=modulation, colour=colour, **known)
+    if layout.n_bits < framing.MIN_BITS:
+        return
+    picture = noise(layout.height, layout.width, len(message))
+
+    def pictures() -> Iterator[NDArray[np.uint8]]:
+        yield picture
+
+    bits = framing.encode(message, layout.n_bits)
+    even = even and modulation == "antipodal" and not pyramid_level
+    loop = Loop(layout, kappa, bits, pictures, pyramid_level, size, even=even)
+    with TemporaryDirectory() as folder:
+        out = Path(folder) / "page.html"
+        write_player(out, loop, 15)
+        write_states(Path(folder), loop.states())
+        states = folder_states(Path(folder))
+        np.testing.assert_array_equal(player_states(out), states)
+    if pyramid_level == 0:
+        assert [read_bits(pair, layout) for pair in pairs_of(states)] == bits.tolist()
+
+
+def test_likeness_is_taken_of_the_first_pairs_and_all_are_counted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(likeness_module, "MEASURED_PIXELS", 2 * 128 * 128)
+    layout = make_layout(8, 8, 128, 128)
+    bits = framing.encode(b"counted", layout.n_bits)
+    loop = Loop(layout, 3, bits, lambda: iter([noise(128, 128)]))
+    pairs = [carrier.displayed() for carrier in loop.carriers()]
+    measured = [psnr(pair.original, pair.embedded) for pair in pairs]
+    said = loop.report(7, 15.0)
+    assert said["pairs"] == said["frames"] == len(bits) == len(measured) > 2
+    assert said["loop_seconds"] == pytest.approx(2 * len(bits) / 15, abs=1e-3)
+    alike = Likeness.of(loop)
+    assert [decibels for decibels, _ in alike.pairs] == measured[:2]
+    states = list(loop.states())[:4]
+    np.testing.assert_allclose(alike.time_mean, np.mean(states, axis=0))
+
+
+def test_fit_cuts_evenly_and_does_not_stretch() -> None:
+    wide = np.zeros((60, 200, 3), np.uint8)
+    wide[:, 60:140] = 255
+    assert fit_picture(wide, 80, 60).min() == 255
+    tall = np.zeros((200, 60), np.uint8)
+    tall[80:120] = 255
+    assert fit_picture(tall, 30, 20).min() == 255
+    same = noise(40, 50)
+    np.testing.assert_array_equal(fit_picture(same, 50, 40), same)
+    checks = (np.indices((64, 64)).sum(axis=0) % 2 * 254).astype(np.uint8)
+    assert np.unique(fit_picture(checks, 32, 32)).tolist() == [127]  # averaged, not aliased
+
+
+# Visibility
+
+SHOWN = ("--preset", "paper", "--rows", 12, "--cols", 16, "--width", 256, "--height", 192,
+         "--modulation", "antipodal", "--pilots", "auto", "--hold", 1,
+         "--size", "256x192", "--fit", "cover")  # fmt: skip
+
+
+def test_the_sender_says_how_visible_the_message_is(tmp_path: Path, send: Send) -> None:
+    said = send(tmp_path / "a", *SHOWN, "--kappa", 2)
+    assert json.loads((tmp_path / "a" / "sent.json").read_text()) | {"out": said["out"]} == said
+    seen = []
+    for level in PICTURE_LEVELS:
+        viewing = Viewing(12, 16, 2, aspect=256 / 192, picture_level=level)
+        shown = random_message(viewing, "toggle", np.random.default_rng(MESSAGE_SEED), SECONDS)
+        seen.append(
+            [contrast_over_threshold(shown, viewing, where).high for where in ("block", "screen")]
+        )
+    block, screen = np.max(seen, axis=0).round(3)
+    assert (said["visibility_block"], said["visibility_screen"]) == (block, screen)
+    keys = ("visibility_block", "visibility_screen")
+    other = {}
+    for number, flags in enumerate(
+        [
+            ("--kappa", 2),
+            ("--kappa", 2, "--refresh", 120, "--state-hz", 60),  # light is held: no change
+            ("--kappa", 1),
+            ("--kappa", 2, "--colour", "chroma"),
+            ("--kappa", 2, "--distance", 6),
+            ("--kappa", 2, "--luminance", 20),
+            ("--kappa", 2, "--diagonal", 6),
+            ("--kappa", 2, "--hold", 4),
+        ]
+    ):
+        given = [*SHOWN, *flags]
+        if "--state-hz" in flags:
+            del given[given.index("--hold") : given.index("--hold") + 2]
+            given += ["--hold", 2]
+        said = send(tmp_path / f"{number}.html", *given)
+        other[number] = [said[key] for key in keys]
+    assert other[0] == other[1] == [block, screen]
+    for number in (2, 3, 4, 5, 6):
+        assert other[number][0] < block
+    assert other[7][0] > block
+
+
+@pytest.mark.parametrize("colour", COLOURS)
+def test_the_largest_kappa_below_a_visibility_is_taken(
+    colour: str, tmp_path: Path, send: Send
+) -> None:
+    words = (*SHOWN, "--colour", colour)
+    limit = 10 if colour == "gray" else 1.5
+    said = send(tmp_path / "a", *words, "--visibility", limit)
+    kappa = said["kappa"]
+    assert 1 < kappa < 64
+    layout = Layout.from_dict(said["layout"])
+    hiding = Hiding(layout, 60, Onlooker())
+    assert said["visibility_block"] == round(hiding.seen(kappa), 3) <= limit
+    assert hiding.seen(kappa + 1) > limit
+    same = send(tmp_path / "b", *words, "--kappa", kappa)
+    assert {**same, "out": said["out"]} == said
+
+
+@cases(("hidden", 1, ""), ("robust", 3, "seen"), ("paper", 3, "seen"), ("paper", 40, "flashes"))
+def test_flicker_is_warned_of(name: str, kappa: int, found: str) -> None:
+    preset = PRESETS[name]
+    onlooker = Onlooker(distance=preset.distance_m)
+    assert Hiding(preset.layout, preset.state_hz, onlooker, preset.even).flicker(kappa) == found
+    if found == "flashes":  # six states are three flashes a second, which is safe
+        assert Hiding(preset.layout, 6, onlooker).flicker(kappa) == "seen"
+
+
+def test_every_kappa_is_taken_where_nothing_is_seen() -> None:
+    far = Onlooker(diagonal=1, luminance=1, distance=10_000)
+    layout = make_layout(modulation="antipodal", ratex=0)
+    assert Hiding(layout, 1000, far).largest_kappa(1.0) == 64
+
+
+@pytest.mark.parametrize("state_hz", [1e-9, 0.3, 23.976, 1000])
+@pytest.mark.parametrize("modulation", MODULATIONS)
+def test_any_rate_and_any_onlooker_has_a_visibility(state_hz: float, modulation: str) -> None:
+    layout = make_layout(modulation=modulation)
+    for onlooker in (Onlooker(0.1, 1, 10_000), Onlooker(10_000, 100_000, 0.01)):
+        hiding = Hiding(layout, state_hz, onlooker)
+        assert 0 < hiding.seen(3) < hiding.seen(3, "screen") < np.inf
+
+
+def test_opencv_adds_no_lines_of_its_own(inputs: Path, tmp_path: Path) -> None:
+    """In a process of its own."""
+    film = tmp_path / "text.mp4"
+    film.write_bytes(b"\0\0\0\x18ftypmp42" + bytes(400))
+    line = [sys.executable, "-m", "sender", film, "--message", "hi", "--out", tmp_path / "x"]
+    done = run_process(*line, status=2)
+    assert len(done.stderr.splitlines()) == 1
+    assert str(film) in done.stderr
+
+
+def test_a_video_that_does_not_read_back_bit_for_bit_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("link.images.video.LOSSLESS", "MJPG")
+    with pytest.raises(InputError, match="bit for bit"):
+        write_video(tmp_path / "x.avi", iter([noise(80, 120)]), 15)
+    monkeypatch.setattr("link.images.video.LOSSLESS", "none")
+    with pytest.raises(InputError, match="cannot write none video"):
+        write_video(tmp_path / "y.avi", iter([noise(80, 120)]), 15)
+
+
+DISPLAYS_HZ = (48, 50, 59.94, 60, 72, 75, 85, 90, 100, 120, 144, 165, 170, 200, 240, 280, 360)
+"""Refresh rates of displays that are sold."""
+
+
+@cases(*DISPLAYS_HZ)
+def test_receivers_know_the_rate_at_which_a_display_shows_a_code(refresh: float) -> None:
+    preset = PRESETS["hidden"]
+    preset.layout.code.check_rate(
+        send_cli.states_per_second(preset.state_hz, None, refresh, None, ".html")
+    )

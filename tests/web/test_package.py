@@ -1,0 +1,252 @@
+"""The receiver outside of the checkout: a wheel, an npm package, and the events of both."""
+
+import ast
+import copy
+import functools
+import json
+import os
+import re
+import sys
+import tarfile
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import ROOT, Command, cases, run_process
+from jsonschema import Draft202012Validator
+from pilot_films import filmed
+from streams import write_film
+
+import receiver.__main__ as receive_cli
+import web.package.__main__ as package_cli
+from link.code.authenticate import sign
+from link.code.framing import encode
+from link.errors import InputError
+from link.images import write_image
+from link.presets import PRESETS
+from link.types import Image
+from web.host.site import WEB
+from web.package.api import Receiver, read_pair
+from web.package.npm import write_npm_package
+from web.package.schema import events_schema, typescript_of
+from web.package.wheel import OWN, package_files, write_wheel
+
+ROBUST = PRESETS["robust"].layout
+TEXT = "no marks"
+KEY = bytes(range(32))
+EMBED = (ROOT / "docs" / "embed.md").read_text("utf-8")
+SHOWN = re.findall(r"^```(python|js)\n(.*?)^```$", EMBED, re.DOTALL | re.MULTILINE)
+DEFINED = events_schema()["$defs"]
+
+
+def check_event(event: Mapping[str, Any]) -> None:
+    """Hold an event against the schema, and refuse keys that the schema does not have."""
+    schema = copy.deepcopy(events_schema())
+    for kind in schema["$defs"].values():
+        kind["additionalProperties"] = False
+    Draft202012Validator(schema).validate(json.loads(json.dumps(event)))
+
+
+@functools.cache
+def film(data: bytes = TEXT.encode(), signed: bool = False) -> list[Image]:
+    """Gray frames of the preset robust, whose states are shown for two frames each."""
+    return filmed(ROBUST, 36, seed=3, message=encode(data, ROBUST.n_bits, signed=signed))[0]
+
+
+def test_the_schema_in_the_repository_is_that_of_the_events() -> None:
+    written = json.loads((ROOT / "web" / "package" / "events.schema.json").read_text("utf-8"))
+    assert written == events_schema(), "take it from python -m web.package --only wheel --out"
+    Draft202012Validator.check_schema(written)
+
+
+@pytest.mark.parametrize("kind", DEFINED.values(), ids=list(DEFINED))
+def test_the_docs_name_all_keys_of_an_event(kind: dict[str, Any]) -> None:
+    name, *keys = kind["properties"]
+    formats = (ROOT / "docs" / "formats.md").read_text("utf-8")
+    row = re.findall(rf"^\| `{kind['properties'][name]['const']}` \|.*", formats, re.MULTILINE)
+    assert len(row) == 1
+    assert not [key for key in keys if f"`{key}`" not in row[0]]
+    for key in keys:
+        assert typescript_of(kind["properties"][key])
+
+
+def test_the_wheel_has_one_import_name_and_takes_nothing_from_the_checkout() -> None:
+    files = package_files()
+    assert {path.partition("/")[0] for path in files} == {"oorc_receiver"}
+    modules = {path.removesuffix(".py").replace("/", ".") for path in files}
+    taken = set()
+    for path, data in files.items():
+        for node in ast.walk(ast.parse(data)) if path.endswith(".py") else ():
+            if isinstance(node, ast.Import):
+                taken |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                taken.add(node.module.partition(".")[0])
+                if node.module.startswith("oorc_receiver"):
+                    assert {node.module, f"{node.module}.__init__"} & modules, node.module
+    assert taken - set(sys.stdlib_module_names) == {"oorc_receiver", "numpy", "cv2", "onnxruntime"}
+    assert sum(path.endswith(".onnx") for path in files) == len(PRESETS) + 1  # and of films
+
+
+def test_a_wheel_is_the_same_each_time_and_says_what_it_needs(tmp_path: Path) -> None:
+    wheel = write_wheel(tmp_path / "one")
+    assert wheel.read_bytes() == write_wheel(tmp_path / "two").read_bytes()
+    with zipfile.ZipFile(wheel) as archive:
+        (metadata,) = [name for name in archive.namelist() if name.endswith("METADATA")]
+        lines = archive.read(metadata).decode().splitlines()
+    needs = [re.split("[ >]", line)[1] for line in lines if line.startswith("Requires-Dist")]
+    assert sorted(needs) == ["numpy", "onnxruntime", "opencv-python-headless"]
+
+
+def test_the_command_writes_wheel_and_schema(tmp_path: Path, command: Command) -> None:
+    done = command(package_cli.main, "--out", tmp_path, "--only", "wheel")
+    sizes = json.loads(done.stdout)["files"]
+    assert {name: (tmp_path / name).stat().st_size for name in sizes} == sizes
+    assert json.loads((tmp_path / "events.schema.json").read_bytes()) == events_schema()
+
+
+@cases(
+    (lambda: Receiver(0), "fps"),
+    (lambda: Receiver(30, models=["nothing"]), "nothing: no such model"),
+    (lambda: Receiver(30, max_age_s=3), "give a key"),
+    (lambda: Receiver(30).push(np.zeros((4, 4), np.uint8), 0), "16 px"),
+    (lambda: Receiver(30).push(np.zeros((40, 40), np.uint8), np.nan), "must rise"),
+    (lambda: read_pair(*np.zeros((2, 40, 40), np.uint8), corners=np.eye(4, 2)), "name the"),
+    (lambda: read_pair(*np.full((2, 480, 640), 90, np.uint8), model="robust"), "no display"),
+)
+def test_wrong_arguments_are_refused_in_one_line(call: Any, says: str) -> None:
+    with pytest.raises(InputError, match=says) as error:
+        call()
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("key", [None, KEY, bytes(32)], ids=["no key", "key", "wrong key"])
+def test_events_of_films_fit_the_schema(key: bytes | None) -> None:
+    receiver = Receiver(30, models=["robust"], key=key, scores=True)
+    events = []
+    for number, image in enumerate(film(sign(b"hi", KEY, 7), signed=True)):
+        events += receiver.push(image, number / 30)
+    events += receiver.finish()
+    for event in events:
+        check_event(event)
+    taken = next(event for event in events if event["event"] in ("message", "refused"))
+    known = {
+        "no key": ("signed", "not checked"),
+        "key": ("stamp", 7),
+        "wrong key": ("stale", False),
+    }
+    name, value = known["no key" if key is None else "key" if key == KEY else "wrong key"]
+    assert taken[name] == value  # type: ignore[literal-required]
+    assert events[-1]["event"] == "end"
+    assert ("refused" in receiver.explanation) == (taken["event"] == "refused")
+
+
+@pytest.mark.slow
+def test_what_the_command_prints_of_two_images_fits_the_schema(
+    tmp_path: Path, command: Command
+) -> None:
+    frames = film()[0], film()[2]
+    for name, frame in zip("ab", frames, strict=True):
+        write_image(tmp_path / f"{name}.png", np.dstack([frame] * 3))
+    printed = command(receive_cli.main, tmp_path / "a.png", tmp_path / "b.png").stdout
+    lines = [json.loads(line) for line in printed.splitlines()]
+    for line in lines:
+        check_event(line)
+    assert read_pair(*frames)["bits"] == lines[-1]["bits"]
+    places = {"corners": lines[0]["corners"], "corners_second": lines[1]["corners"]}
+    assert read_pair(*frames, model="robust", **places)["bits"] == lines[-1]["bits"]
+
+
+# Fresh environments, in which docs/embed.md is tried
+
+
+@pytest.fixture
+def elsewhere(tmp_path: Path) -> Path:
+    """A folder outside of the checkout with the film of docs/embed.md."""
+    frames = film()
+    write_film(tmp_path / "film.avi", frames, codec="FFV1")
+    (tmp_path / "film.gray").write_bytes(b"".join(frame.tobytes() for frame in frames))
+    for name, frame in (("first", frames[0]), ("second", frames[2])):
+        write_image(tmp_path / f"{name}.png", np.dstack([frame] * 3))
+    return tmp_path
+
+
+RUN_ELSEWHERE = f"""
+import sys
+sys.path.insert(0, "site")
+exec(open("shown.py").read())
+loaded = {{name.partition(".")[0] for name in sys.modules}}
+assert "oorc_receiver" in loaded and not loaded & {{"torch", *{OWN}}}, loaded
+"""
+
+
+def run_in(folder: Path, *words: str) -> str:
+    """Run a program in a folder, and return what it prints."""
+    without = {name: None for name in os.environ if name.startswith("PYTHON")}
+    return run_process(*words, cwd=folder, **without).stdout
+
+
+@pytest.mark.slow
+def test_python_of_the_docs_runs_without_the_checkout(elsewhere: Path) -> None:
+    wheel = write_wheel(elsewhere)
+    pip = (sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-index")
+    run_in(elsewhere, *pip, "--target", "site", str(wheel))
+    installed = [path.name for path in (elsewhere / "site").iterdir()]
+    assert sorted(name.partition("-")[0] for name in installed) == ["oorc_receiver"] * 2
+    said = []
+    for language, code in SHOWN:
+        if language == "python":
+            (elsewhere / "shown.py").write_text(code)
+            said.append(run_in(elsewhere, sys.executable, "-I", "-c", RUN_ELSEWHERE))
+    assert said[0].strip() == TEXT
+    assert len(said[1].split()[0]) == ROBUST.n_bits
+
+
+EVENTS = """
+import { readFileSync } from "node:fs";
+import { type FilmEvent, load, Receiver } from "oorc-receiver";
+
+const SIZE: number = 640 * 480;
+await load();
+const film = readFileSync("film.gray");
+const receiver = new Receiver(30, { models: ["robust"], scores: true });
+const events: FilmEvent[] = [];
+for (let at = 0; at < film.length / SIZE; at++) {
+  const data = film.subarray(at * SIZE, (at + 1) * SIZE);
+  events.push(...(await receiver.push({ width: 640, height: 480, data }, at / 30)));
+}
+for (const event of [...events, ...(await receiver.finish())]) console.log(JSON.stringify(event));
+"""
+
+
+@pytest.mark.slow
+def test_javascript_of_the_docs_runs_without_the_checkout(elsewhere: Path, node: None) -> None:
+    packed = write_npm_package(elsewhere)
+    with tarfile.open(packed) as archive:
+        archive.extractall(elsewhere, filter="data")
+    modules = elsewhere / "node_modules"
+    modules.mkdir()
+    (elsewhere / "package").rename(modules / "oorc-receiver")
+    for name in ("@noble", "@types", "onnxruntime-web", "onnxruntime-common"):
+        (modules / name).symlink_to(WEB / "node_modules" / name)  # what npm would install
+    (elsewhere / "shown.mjs").write_text(next(code for language, code in SHOWN if language == "js"))
+    assert TEXT in run_in(elsewhere, "node", "shown.mjs").splitlines()
+    (elsewhere / "events.mts").write_text(EVENTS)
+    compiler = WEB / "node_modules" / "typescript" / "bin" / "tsc"
+    strict = ("--strict", "--module", "nodenext", "--target", "es2022", "--types", "node")
+    run_in(elsewhere, "node", str(compiler), *strict, "events.mts")
+    lines = run_in(elsewhere, "node", "events.mjs").splitlines()
+    found = [json.loads(line) for line in lines]
+    for event in found:
+        check_event(event)
+    receiver, known = Receiver(30, models=["robust"], scores=True), []
+    for number, image in enumerate(film()):
+        known += receiver.push(image, number / 30)
+    known += receiver.finish()
+    keys = {event["event"]: sorted(event) for event in known}
+    assert {event["event"]: sorted(event) for event in found} == keys
+    said = [event["text"] for event in found if event["event"] == "message"]
+    assert said == [event["text"] for event in known if event["event"] == "message"]

@@ -1,0 +1,142 @@
+"""Pack the receiving side as a Python wheel, with one import name of its own.
+
+A wheel is a zip file. The module `api` becomes the package `oorc_receiver`, and all that it imports
+from the checkout lies below `oorc_receiver._checkout`, with its imports rewritten.
+"""
+
+import ast
+import base64
+import hashlib
+import io
+import json
+import tomllib
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from link import __version__
+from link.images import write_bytes
+from models import FILM_GRAPH, shipped_graphs
+from web.package.schema import events_schema
+
+ROOT = Path(__file__).parents[2]
+"""Folder of the checkout."""
+NAME = "oorc_receiver"
+"""Import name of the package."""
+API = "web.package.api"
+"""Module that becomes the package."""
+OWN = ("link", "models", "data_gen", "export", "receiver", "sender", "web", "reports", "lab")
+"""Names of the checkout's packages, none of which a wheel may install."""
+BUILT = (2020, 1, 1, 0, 0, 0)
+"""Time of all files of the wheel, so that the same checkout gives the same bytes."""
+METADATA = """\
+Metadata-Version: 2.4
+Name: oorc-receiver
+Version: {version}
+Summary: Read messages that a display hides in its picture, from camera frames
+License-Expression: Apache-2.0
+License-File: LICENSE
+Requires-Python: {python}
+{requires}
+Description-Content-Type: text/markdown
+
+{description}"""
+"""Content of the wheel's file METADATA, with names in place of what changes."""
+TAGS = "Wheel-Version: 1.0\nGenerator: web.package\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
+"""Content of the wheel's file WHEEL."""
+
+
+def write_wheel(folder: Path) -> Path:
+    """Write the wheel into a folder, which is made where it is missing.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    files = package_files()
+    info = f"{NAME}-{__version__}.dist-info"
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+    requires = [f"Requires-Dist: {needed}" for needed in project["dependency-groups"]["deploy"]]
+    files[f"{info}/METADATA"] = METADATA.format(
+        version=__version__,
+        python=project["project"]["requires-python"],
+        requires="\n".join(requires),
+        description=(ROOT / "docs" / "embed.md").read_text("utf-8"),
+    ).encode()
+    files[f"{info}/WHEEL"] = TAGS.encode()
+    files[f"{info}/licenses/LICENSE"] = (ROOT / "LICENSE").read_bytes()
+    record = [f"{path},{_digest(data)},{len(data)}\n" for path, data in files.items()]
+    files[f"{info}/RECORD"] = "".join([*record, f"{info}/RECORD,,\n"]).encode()
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        for path, data in files.items():
+            entry = zipfile.ZipInfo(path, BUILT)
+            entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
+            archive.writestr(entry, data)
+    wheel = folder / f"{NAME}-{__version__}-py3-none-any.whl"
+    write_bytes(wheel, packed.getvalue())
+    return wheel
+
+
+def package_files() -> dict[str, bytes]:
+    """Collect the files of the package, by their paths in site-packages."""
+    inside = f"{NAME}/_checkout"
+    files = {
+        f"{NAME}/__init__.py": rewritten(_file_of(API)),
+        f"{NAME}/py.typed": b"",
+        f"{NAME}/events.schema.json": json.dumps(events_schema(), indent=1).encode(),
+        f"{inside}/__init__.py": b"",
+    }
+    for module in sorted(needed_modules(API) - {API}):
+        file = _file_of(module)
+        files[f"{inside}/{file.relative_to(ROOT).as_posix()}"] = rewritten(file)
+    for graph in (*shipped_graphs().values(), FILM_GRAPH):
+        files[f"{inside}/{graph.relative_to(ROOT).as_posix()}"] = graph.read_bytes()
+    return files
+
+
+def needed_modules(module: str) -> set[str]:
+    """Find the modules of the checkout that a module imports, itself and theirs included."""
+    found: set[str] = set()
+    waiting = [module]
+    while waiting:
+        name = waiting.pop()
+        if name in found:
+            continue
+        found.add(name)
+        for node in imports(ast.parse(_file_of(name).read_text("utf-8"))):
+            modules = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+            parts = [name.split(".") for name in modules if name and _file_of(name).is_file()]
+            waiting += [
+                ".".join(words[:end]) for words in parts for end in range(1, len(words) + 1)
+            ]
+    return found
+
+
+def imports(tree: ast.Module) -> Iterator[ast.ImportFrom]:
+    """Find each ``from … import`` of a module of the checkout, wherever it stands."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] in OWN:
+            yield node
+
+
+def rewritten(file: Path) -> bytes:
+    """Read a module and put what it imports from the checkout below the package's name."""
+    text = file.read_text("utf-8")
+    lines = text.splitlines(keepends=True)
+    for node in imports(ast.parse(text)):
+        line = lines[node.lineno - 1]
+        own = f"from {node.module}"
+        lines[node.lineno - 1] = line.replace(own, f"from {NAME}._checkout.{node.module}", 1)
+    return "".join(lines).encode()
+
+
+def _file_of(module: str) -> Path:
+    """The file of a module of the checkout; one that does not exist where there is no such."""
+    path = ROOT / module.replace(".", "/")
+    return path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+
+
+def _digest(data: bytes) -> str:
+    """Checksum of a file as RECORD has it."""
+    digest = base64.urlsafe_b64encode(hashlib.sha256(data).digest())
+    return f"sha256={digest.decode().rstrip('=')}"

@@ -1,0 +1,135 @@
+/** Frames of a film that are kept, and what they show of a display. */
+
+import { receiverPilotsSearchFilm } from "../../../../generated/constants.js";
+import { Copies } from "../../../image/copies.js";
+import {
+  contourArea,
+  homographyFromCorners,
+  isConvex,
+  pixelsInOne,
+  transform,
+} from "../../../link/geometry.js";
+import { multiply3 } from "../../../link/linear.js";
+
+/** @typedef {import("../motion.js").GridMaps} GridMaps */
+/** @typedef {import("../stabilise.js").Tracks} Tracks */
+
+export const { FAR_OUTSIDE, LEAST_AREA } = receiverPilotsSearchFilm;
+
+/**
+ * What is added to the step from sample to sample, in pixels of the frame, before it is cut to the
+ * whole factor by which the frame is averaged down. So frames are averaged from a step of 1.65
+ * pixels on, where samples would pass over too many pixels.
+ */
+const AVERAGED_FROM = 0.35;
+
+/**
+ * One frame, and how what it shows has moved since a reference frame.
+ *
+ * A camera that moves sideways sees what is near move farther than what is behind it (parallax). So
+ * a display is held still by the points within it, and only where they do not suffice, by the room.
+ */
+export class HeldFrame {
+  /** The frame, which is looked at coarsely. */
+  #copies;
+
+  /**
+   * @param {BytePlane} gray - is kept
+   * @param {Homography} HFrameFromReference
+   * @param {number} at - position since the reference (waves.js)
+   * @param {number} time - when it was taken, seconds
+   * @param {Tracks | null} [tracks] - points of the reference that were found again in it; null to
+   *   go by the room alone, because pictures may move
+   */
+  constructor(gray, HFrameFromReference, at, time, tracks = null) {
+    this.gray = gray;
+    this.#copies = new Copies(gray);
+    this.at = at;
+    this.time = time;
+    this.HFrameFromReference = HFrameFromReference;
+    this.tracks = tracks;
+  }
+
+  /**
+   * Find where a display lies.
+   *
+   * @param {Point[]} corners - in the reference frame
+   * @returns {Point[]} in this frame
+   */
+  corners(corners) {
+    const own = this.tracks?.motionWithin(corners);
+    return transform(own ?? this.HFrameFromReference, corners);
+  }
+
+  /**
+   * Show a display as it would be seen from the front, in a map of a size.
+   *
+   * Python rectifies to the layout's size and averages down to the map's. Here the frame is averaged
+   * down where the map is much coarser, and sampled once for each pixel of the map: a quarter of the
+   * work, and nearly every pixel of the frame still counts.
+   *
+   * @param {Point[]} corners - of the display, in the reference frame
+   * @param {number} width - of the map
+   * @param {number} height - of the map
+   * @returns {FloatPlane | null} null where corners make no sound quadrilateral near the image
+   */
+  view(corners, width, height) {
+    const quad = this.#quad(corners);
+    if (quad === null) return null;
+    const H = homographyFromCorners(quad, width, height);
+    return this.#copies.sampled(H, factorOf(quad, width, height), width, height);
+  }
+
+  /**
+   * Show a display and what lies around it, as `view` does.
+   *
+   * @param {Point[]} corners - of the display, in the reference frame
+   * @param {GridMaps} maps
+   * @returns {FloatPlane | null} null where corners make no sound quadrilateral near the image
+   */
+  blockView(corners, maps) {
+    const quad = this.#quad(corners);
+    if (quad === null) return null;
+    const [[width, height], [across, down]] = [maps.size, maps.inner];
+    const { layout } = maps;
+    const H = multiply3(homographyFromCorners(quad, layout.width, layout.height), maps.toLayout());
+    return this.#copies.sampled(H, factorOf(quad, across, down), width, height);
+  }
+
+  /**
+   * Find where corners lie in the frame.
+   *
+   * @param {Point[]} corners - in the reference frame
+   * @returns {Point[] | null} null where they make no sound quadrilateral near the image
+   */
+  #quad(corners) {
+    const quad = this.corners(corners);
+    return isNear(quad, this.gray.width, this.gray.height) ? quad : null;
+  }
+}
+
+/**
+ * Say by which whole factor a frame is averaged down for a map of a size.
+ *
+ * @param {Point[]} quad - what the map shows, pixels of the frame
+ * @param {number} width - of the map
+ * @param {number} height - of the map
+ */
+function factorOf(quad, width, height) {
+  return Math.floor(pixelsInOne(quad, width, height) + AVERAGED_FROM);
+}
+
+/**
+ * Tell whether corners make a sound quadrilateral that is near the image.
+ *
+ * @param {Point[]} quad - pixels of the image
+ * @param {number} width - of the image
+ * @param {number} height - of the image
+ */
+function isNear(quad, width, height) {
+  for (const [x, y] of quad) {
+    if (!(x > -FAR_OUTSIDE * width && x < (1 + FAR_OUTSIDE) * width)) return false;
+    if (!(y > -FAR_OUTSIDE * height && y < (1 + FAR_OUTSIDE) * height)) return false;
+  }
+  return isConvex(quad) && contourArea(quad) >= LEAST_AREA * width * height;
+}

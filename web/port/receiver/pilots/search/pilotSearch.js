@@ -1,0 +1,188 @@
+/**
+ * Find a display by its pilots, over some frames of a film: nothing visible marks it.
+ *
+ * A search looks at a window of some tenths of a second (`windowSearch.js`). While it does, the frames
+ * of the next window are watched, so that a display which comes late need not wait for its end.
+ *
+ * Where something toggled like a display and none was sure, the next window takes the picture for one
+ * that moves, as a video does, and holds the room still alone.
+ *
+ * The work is cut into steps finer than Python's (`link/code/steps.js`): no frame takes long.
+ */
+
+import { receiverPilotsSearchPilotSearch } from "../../../../generated/constants.js";
+import { NEXT_FRAME } from "./proposals.js";
+import { Watch } from "./watch.js";
+import { ANY_TURN, WindowSearch } from "./windowSearch.js";
+
+/** @typedef {import("./film.js").HeldFrame} HeldFrame */
+/** @typedef {import("./settle.js").Settled} Settled */
+
+const { WINDOWS } = receiverPilotsSearchPilotSearch;
+
+/**
+ * Units of work (`steps.js`) from which on a frame from a file has had its share: while the display is
+ * looked for, and while a proposal is being settled. What is proposed late takes half of them.
+ */
+export const [FRAME_WORK, SETTLING_WORK] = [24, 88];
+/**
+ * Time, in milliseconds, after which a frame of a camera that does not wait has had its share.
+ */
+export const FRAME_MS = 200;
+/**
+ * Share of the time from one frame to the next in which all work on a frame of such a camera is to
+ * be done while others are still to be watched, and nothing is being settled, or while a proposal
+ * waits for others: what is missed then cannot be watched any more.
+ */
+const SPARE = 0.8;
+
+/**
+ * A display that its pilots have given away: the layout that it shows, one of those that were
+ * looked for; its corners in the newest frame, from the top left of the displayed picture on; its
+ * corners in the frame with which the search began; the coefficient of the lens; when it shows which
+ * state, where its code tells; and the frames before the newest one, from the oldest on, of those
+ * that are kept.
+ *
+ * @typedef {{
+ *   layout: Layout,
+ *   corners: Point[],
+ *   firstCorners: Point[],
+ *   k: number,
+ *   clock: DisplayClock | null,
+ *   held: HeldFrame[],
+ * }} PilotDisplay
+ */
+
+/** Looks for a display that shows one of several layouts with pilots. */
+export class PilotSearch {
+  /**
+   * Whether the picture moves of the display that was found; before one is, whether pictures move in
+   * the next window.
+   */
+  pictureMoves = false;
+  /** Whether no search has begun, or one has just ended. */
+  isIdle = true;
+  /** Number of windows in vain since a display was found. */
+  #failed = 0;
+  /** @type {WindowSearch[]} */
+  #windows = [];
+
+  /**
+   * @param {readonly Layout[]} layouts - those that are looked for, at least one, each with pilots
+   * @param {number} [fps] - nominal number of frames of the camera in a second; some may be missing
+   * @param {number} [frameMs] - time after which no step is begun with a frame of a camera that does
+   *   not wait, milliseconds, such as `FRAME_MS`
+   */
+  constructor(layouts, fps = 30, frameMs = Infinity) {
+    if (layouts.length === 0 || layouts.some((layout) => layout.pilotBlocks.length === 0)) {
+      throw new Error("layouts: need at least one, each with pilots");
+    }
+    this.layouts = [...layouts];
+    this.fps = fps;
+    this.frameMs = frameMs;
+  }
+
+  /** Whether frames come from a camera, which does not wait for the search. */
+  get #isLive() {
+    return this.frameMs < Infinity;
+  }
+
+  /**
+   * Take the next frame.
+   *
+   * @param {BytePlane} gray - it may be kept, so it must not change afterwards
+   * @param {number} time - of the frame, seconds; rising from frame to frame
+   * @param {number} [begun] - when the work on the frame began, milliseconds of `performance.now`
+   * @returns {PilotDisplay | null} the display once it is sure
+   */
+  push(gray, time, begun = performance.now()) {
+    this.isIdle = false;
+    for (const window of this.#windows) {
+      if (!window.watch.take(gray, time)) this.#giveUp(window);
+    }
+    if (this.#windows.length < WINDOWS && this.#windows.every(({ isLate }) => isLate)) {
+      this.#begin(gray, time);
+    }
+    const isSettling = this.#windows.some((window) => window.isSettling);
+    const isWatching = !isSettling && this.#windows.some(({ watch }) => !watch.isFull);
+    const isWaiting = this.#windows.some((window) => window.isWaiting);
+    const isSpare = this.#isLive && (isWatching || isWaiting);
+    const until = begun + (isSpare ? (SPARE * 1000) / this.fps : this.frameMs);
+    const early = this.#windows.filter(({ isLate }) => !isLate);
+    const late = this.#windows.filter(({ isLate }) => isLate);
+    late.sort((one, other) => Number(other.isWaiting) - Number(one.isWaiting));
+    let left = this.#isLive ? Infinity : isSettling ? SETTLING_WORK : FRAME_WORK;
+    for (const window of [...early, ...late]) {
+      if (window.isLate) left /= 2;
+      if (left <= 0) break;
+      do {
+        const step = window.steps.next();
+        if (step.done) return this.#ended(step.value, window);
+        if (step.value === NEXT_FRAME) break;
+        left -= step.value;
+      } while (left > 0 && performance.now() < until);
+    }
+    return null;
+  }
+
+  /** Take the picture for one that moves, or no longer for one, from the next search on. */
+  doubtPicture() {
+    this.pictureMoves = !this.pictureMoves;
+  }
+
+  /**
+   * Begin a window with a frame. After one in vain, windows of coded displays are longer, and what is
+   * proposed late is tried upright and sideways by turns.
+   *
+   * @param {BytePlane} gray
+   * @param {number} time
+   */
+  #begin(gray, time) {
+    const number = this.#failed + this.#windows.length;
+    const longer = number > 0 && this.layouts.some(({ code }) => !code.isPlain) ? 2 : 1;
+    const turns = number === 0 ? ANY_TURN : [ANY_TURN[(number - 1) % 2]];
+    const moves = this.pictureMoves || this.#windows.some(({ isDoubtful }) => isDoubtful);
+    const watch = new Watch(gray, time, this.fps, moves, longer);
+    const isEager = this.#isLive && number === 0;
+    this.#windows.push(new WindowSearch(watch, this.layouts, turns, isEager));
+    this.pictureMoves = false;
+  }
+
+  /**
+   * Drop a window. Where something toggled in it like a display, the next picture moves.
+   *
+   * @param {WindowSearch} window
+   */
+  #giveUp(window) {
+    this.#windows = this.#windows.filter((each) => each !== window);
+    if (!window.isDoubtful || this.#windows.some(({ watch }) => watch.pictureMoves)) return;
+    this.#windows = [];
+    this.pictureMoves = true;
+  }
+
+  /**
+   * Say what was found in a window, and choose how the next one begins.
+   *
+   * @param {Settled | null} settled
+   * @param {WindowSearch} window
+   * @returns {PilotDisplay | null}
+   */
+  #ended(settled, window) {
+    this.isIdle = true;
+    if (settled === null) {
+      this.#failed++;
+      this.#giveUp(window);
+      return null;
+    }
+    const { watch } = window;
+    this.#failed = 0;
+    this.#windows = [];
+    this.pictureMoves = watch.pictureMoves;
+    const { proposal, k } = settled;
+    const { layout, corners, toggling } = proposal;
+    const newest = watch.newest.corners(corners);
+    const clock = toggling.clockInSeconds(this.fps, watch.start);
+    const held = watch.held.slice(0, -1);
+    return { layout, corners: newest, firstCorners: corners, k, clock, held };
+  }
+}

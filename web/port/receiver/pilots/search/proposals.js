@@ -1,0 +1,290 @@
+/** Where a display may be, what it may show, and how surely its pilots toggle there. */
+
+import { receiverPilotsSearchProposals } from "../../../../generated/constants.js";
+import { equalised, withoutDetails } from "../../../image/levels.js";
+import { frameCorners, homographyFromCorners, transform } from "../../../link/geometry.js";
+import { rolled } from "../../locate/quads.js";
+import { movedCorners } from "../motion.js";
+import { expectedChanges, picked, pilotValues, standingOut } from "../../../link/pilots.js";
+import { Wave, findToggling } from "../toggling.js";
+import { COARSE_SIZE, coarseShift, roughSeries, shiftedTogglings } from "./parts.js";
+
+/** @typedef {import("../toggling.js").Toggling} Toggling */
+/** @typedef {import("./film.js").HeldFrame} HeldFrame */
+/** @typedef {import("./watch.js").Watch} Watch */
+
+export const { CANDIDATES, CLEAREST, LEAVING, STRONGEST, FRAME_SHARE, PROMISING } =
+  receiverPilotsSearchProposals;
+const { BRIGHT_PX, DARK_PX, STATES_HZ } = receiverPilotsSearchProposals;
+
+/** More units of work than a frame has room for: the next step needs the next frame. */
+export const NEXT_FRAME = Infinity;
+/** Units of work of one frame's view of a display, and of a glance at it. */
+export const VIEW_WORK = 0.6;
+export const GLANCE_WORK = 10;
+/** Units of work of the power at one frequency, and of an outline. */
+const POWER_WORK = 10;
+const OUTLINE_WORK = 40;
+/** Units of work of a layout's fit, and of rough maps. */
+const FIT_WORK = 4;
+const ROUGH_WORK = 2;
+
+/**
+ * Where a display may be: corners in the reference frame, the displayed picture's top left first;
+ * what it may show; and how it may toggle.
+ *
+ * @typedef {{ corners: Point[], layout: Layout, toggling: Toggling }} Proposal
+ */
+
+/**
+ * What a quadrilateral most surely shows, and the evidence, before it pays for what was tried.
+ *
+ * @typedef {{ evidence: number, proposal: Proposal }} Glance
+ */
+
+/**
+ * For each frame, the values of each layout's pilots, upright and upside down.
+ *
+ * @typedef {Float32Array[][]} PilotsSeen
+ */
+
+/**
+ * Weigh a proposal by frames in full, step by step.
+ *
+ * @param {Proposal} proposal
+ * @param {readonly HeldFrame[]} frames
+ * @param {number} fps - nominal number of frames of the camera in a second
+ * @param {Map<HeldFrame, Float32Array>} [known] - values of the proposal's pilots in frames by which
+ *   it was weighed before; takes those of the others
+ * @returns {Steps<{ evidence: number, toggling: Toggling }>} the evidence, before it pays for what
+ *   was tried, 0 where corners are not sound; and how the pilots toggle in the frames
+ */
+export function* weighSteps({ corners, layout, toggling }, frames, fps, known = new Map()) {
+  const values = [];
+  for (const frame of frames) {
+    let shown = known.get(frame);
+    if (shown === undefined) {
+      const view = frame.view(corners, layout.width >> 1, layout.height >> 1);
+      if (view === null) return { evidence: 0, toggling };
+      shown = pilotValues(view, layout);
+      known.set(frame, shown);
+      yield VIEW_WORK;
+    }
+    values.push(shown);
+  }
+  return findToggling(values, layout, positions(frames), fps);
+}
+
+/** List the positions of frames. @type {(frames: readonly HeldFrame[]) => number[]} */
+export const positions = (frames) => frames.map(({ at }) => at);
+
+/**
+ * Proposes where the display may be in a film, and what it may show. Quadrilaterals of edges in the
+ * reference are glanced at while frames are still being watched. What toggles, faint edges and the
+ * pilots' fit propose others once all have been.
+ */
+export class Proposer {
+  #watch;
+  #layouts;
+  #finest;
+  /** Frequencies at which displays may toggle, in periods for each nominal frame. */
+  #frequencies;
+  /** @type {Map<Point[], Glance>} */
+  #glances = new Map();
+  /** What is kept of quadrilaterals (`#pilotsSeen`), by turn. @type {Map<Point[], PilotsSeen[]>} */
+  #kept = new Map();
+
+  /**
+   * @param {Watch} watch - the film
+   * @param {readonly Layout[]} layouts - those that may be shown
+   */
+  constructor(watch, layouts) {
+    this.#watch = watch;
+    this.#layouts = layouts;
+    this.#finest = layouts.reduce((most, layout) =>
+      layout.rows * layout.cols > most.rows * most.cols ? layout : most,
+    );
+    const periods = STATES_HZ.map((rate) => (rate / 2 / watch.fps) % 1);
+    const folded = periods.map((period) => Math.min(period, 1 - period));
+    this.#frequencies = [...new Set(folded)].filter((period) => period > 0).sort((a, b) => a - b);
+  }
+
+  /**
+   * Propose quadrilaterals that bound what toggles.
+   *
+   * @returns {Steps<Point[][]>}
+   */
+  *outlines() {
+    const outlines = [];
+    for (const frequency of this.#frequencies) {
+      for (const _ of this.#watch.map.prepare(frequency)) yield POWER_WORK;
+      const outline = this.#watch.map.outline(frequency);
+      yield OUTLINE_WORK;
+      if (outline !== null) outlines.push(this.#watch.onImage(outline));
+    }
+    return outlines;
+  }
+
+  /**
+   * Weigh a quadrilateral by small views of what toggles in it, step by step.
+   *
+   * @param {Point[]} quad
+   * @param {readonly number[]} turns - quarter turns after which it is weighed, upright and upside down
+   * @param {number | null} [count] - of the frames, from the first on, in which it is followed by
+   *   its own motion; null to look at all, held still as the room is, which is quicker
+   * @returns {Steps<Glance>} what is surest
+   */
+  *glanceSteps(quad, turns, count = null) {
+    const ways = [];
+    for (const turn of turns) {
+      const values = this.#pilotsSeen(quad, turn, count);
+      ways.push(this.#surest(rolled(quad, turn), values, this.#layouts));
+      yield GLANCE_WORK / 2;
+    }
+    const surest = surestOf(ways);
+    this.#glances.set(quad, surest);
+    return surest;
+  }
+
+  /**
+   * Measure what may be pilots in small views of a quadrilateral. Of quadrilaterals that follow their
+   * own motion, what is measured in a frame is kept.
+   *
+   * @param {Point[]} quad
+   * @param {number} turn - number of quarter turns after which it is seen upright
+   * @param {number | null} count - as `Watch.places` takes it
+   * @returns {PilotsSeen}
+   */
+  #pilotsSeen(quad, turn, count) {
+    const { cols, rows } = this.#finest;
+    const kept = this.#kept.get(quad) ?? [[], []];
+    if (count !== null) this.#kept.set(quad, kept);
+    const values = kept[turn];
+    const places = this.#watch.places(quad, count);
+    const views = this.#watch.map.views(places, cols, rows, turn, values.length);
+    values.push(...pilotsIn(views, this.#layouts));
+    return values;
+  }
+
+  /** List what was seen last of each quadrilateral (`glanceSteps`), the clearest first. */
+  glances() {
+    return [...this.#glances].sort(([, one], [, other]) => other.evidence - one.evidence);
+  }
+
+  /**
+   * Choose the side of a quadrilateral that is up by small views of one layout.
+   *
+   * @param {Point[]} corners - in the reference frame, upright or upside down
+   * @param {Layout} layout - that may be shown
+   */
+  surestIn(corners, layout) {
+    const { cols, rows } = this.#finest;
+    const values = pilotsIn(this.#watch.views(corners, cols, rows), [layout]);
+    return this.#surest(corners, values, [layout]);
+  }
+
+  /**
+   * Choose the layout, upright or upside down, whose pilots toggle most surely.
+   *
+   * @param {Point[]} corners - in the reference frame
+   * @param {PilotsSeen} values - in the first frames
+   * @param {readonly Layout[]} layouts - those that may be shown
+   * @returns {Glance}
+   */
+  #surest(corners, values, layouts) {
+    const at = positions(this.#watch.frames.slice(0, values.length));
+    const ways = layouts.flatMap((layout) => [0, 2].map((half) => ({ layout, half })));
+    const found = ways.map(({ layout, half }, way) => {
+      const shown = values.map((each) => each[way]);
+      const { evidence, toggling } = findToggling(shown, layout, at, this.#watch.fps);
+      return { evidence, proposal: { corners: rolled(corners, half), layout, toggling } };
+    });
+    return surestOf(found);
+  }
+
+  /**
+   * Show the mean of all frames, its histogram made even: as it is, and twice without details, whose
+   * edges would hide those of the display.
+   */
+  *evenMeans() {
+    const mean = this.#watch.map.mean();
+    yield equalised(mean);
+    yield equalised(withoutDetails(mean, BRIGHT_PX, true));
+    yield equalised(withoutDetails(mean, DARK_PX, false));
+  }
+
+  /**
+   * Fit every layout, upright and upside down, to a quadrilateral that may be far off.
+   *
+   * @param {Point[]} quad
+   * @returns {Steps<Proposal | null>} what fits best after a shift, or null where nothing does
+   */
+  *firstFit(quad) {
+    const views = this.#watch.views(quad, ...COARSE_SIZE);
+    yield GLANCE_WORK;
+    const at = positions(this.#watch.frames);
+    const waves = this.#frequencies.map((frequency) => new Wave(frequency));
+    let most = 0;
+    let best = null;
+    for (const layout of this.#layouts) {
+      const { isPlain } = layout.code;
+      const series = roughSeries(views, layout);
+      const measured = (/** @type {Toggling} */ toggling) => {
+        return { toggling, line: toggling.amplitudes(series.frames, at, series.size) };
+      };
+      let ways = isPlain ? waves.map(measured) : [];
+      yield ROUGH_WORK;
+      const blocks = expectedChanges(layout);
+      for (const turn of [0, 2]) {
+        const shown = turn ? blocks.slice().reverse() : blocks;
+        if (!isPlain) {
+          const { fps } = this.#watch;
+          ways = (yield* shiftedTogglings(series, shown, layout, at, fps)).map(measured);
+        }
+        for (const { toggling, line } of ways) {
+          const fit = coarseShift(line, shown, layout, true);
+          yield FIT_WORK;
+          if (fit === null || fit.parts <= most) continue;
+          most = fit.parts;
+          const corners = rolled(movedCorners(quad, fit.HOldFromNew, layout), turn);
+          best = { corners, layout, toggling };
+        }
+      }
+    }
+    return best;
+  }
+}
+
+/**
+ * Measure the pilots of each layout in views, upright and upside down.
+ *
+ * @param {FloatPlane[]} views
+ * @param {readonly Layout[]} layouts
+ * @returns {PilotsSeen}
+ */
+function pilotsIn(views, layouts) {
+  const ways = layouts.flatMap((layout) => {
+    const last = layout.rows * layout.cols - 1;
+    const pilots = [layout.pilotBlocks, layout.pilotBlocks.map((block) => last - block)];
+    const blocks = standingOut(views, layout);
+    return pilots.map((each) => blocks.map((shown) => picked(shown, each)));
+  });
+  return views.map((_, at) => ways.map((values) => values[at]));
+}
+
+/** Choose the glance of most evidence. @param {Glance[]} found @returns {Glance} */
+function surestOf(found) {
+  return found.reduce((best, each) => (each.evidence > best.evidence ? each : best));
+}
+
+/**
+ * Move the corners of a display inwards, along each of its sides by a share of it.
+ *
+ * @param {Point[]} quad
+ * @param {number} share
+ */
+export function inset(quad, share) {
+  const left = 1 - 2 * share;
+  const inner = frameCorners(1, 1).map(([x, y]) => /** @type {Point} */ ([left * x, left * y]));
+  return transform(homographyFromCorners(quad, 1, 1), inner);
+}

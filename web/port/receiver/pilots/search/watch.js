@@ -1,0 +1,142 @@
+/** Watch a film from a reference frame on: what a search for a display by its pilots looks at. */
+
+import { receiverPilotsSearchWatch } from "../../../../generated/constants.js";
+import { roundHalfEven } from "../../../image/round.js";
+import { inImage, transform } from "../../../link/geometry.js";
+import { identity, inverse } from "../../../link/linear.js";
+import { Stabiliser } from "../stabilise.js";
+import { position } from "../waves.js";
+import { HeldFrame } from "./film.js";
+import { ToggleMap } from "./toggleMap.js";
+
+const { WINDOW_S, LEAST_WINDOW, MOST_WINDOW, IN_VIEW, CHECKED, HELD_S, LEAST_HELD } =
+  receiverPilotsSearchWatch;
+
+/** Holds the frames of a film still against the camera's motion since a reference frame. */
+export class Watch {
+  #stabiliser;
+  #most;
+  /** Places of corners that follow their own motion, by corners. @type {Map<Point[], Point[][]>} */
+  #own = new Map();
+  /** Frames watched so far, the reference among them. @type {HeldFrame[]} */
+  frames = [];
+  /** Number of frames after the reference. */
+  seen = 0;
+
+  /**
+   * @param {BytePlane} reference - the reference frame
+   * @param {number} time - when it was taken, seconds
+   * @param {number} fps - nominal number of frames of the camera in a second
+   * @param {boolean} pictureMoves - whether the room alone is held still
+   * @param {number} [longer] - number of times the usual number of frames that are watched
+   */
+  constructor(reference, time, fps, pictureMoves, longer = 1) {
+    this.reference = reference;
+    this.pictureMoves = pictureMoves;
+    this.start = time;
+    this.fps = fps;
+    this.#stabiliser = new Stabiliser(reference, pictureMoves);
+    const { width, height } = this.#stabiliser.reference;
+    /** What toggles in the frames watched. */
+    this.map = new ToggleMap(width, height);
+    const usual = Math.min(MOST_WINDOW, Math.max(LEAST_WINDOW, roundHalfEven(WINDOW_S * fps)));
+    /** Number of frames that are watched. */
+    this.window = longer * usual;
+    /** Number of frames after which they are looked at first. */
+    this.soon = Math.floor(usual / 2);
+    /** Number of later frames that must agree with what is not certain. */
+    this.confirming = Math.floor((2 * this.window) / 3);
+    this.#most = Math.max(LEAST_HELD, roundHalfEven(HELD_S * fps), this.confirming);
+    /** The newest frames of all. */
+    this.held = [new HeldFrame(reference, identity(3), 0, time)];
+  }
+
+  /** The frames watched, and of those that came later the newest. */
+  get all() {
+    const last = this.frames[this.frames.length - 1].at;
+    return [...this.frames, ...this.held.filter(({ at }) => at > last)];
+  }
+
+  /** The newest frame. */
+  get newest() {
+    return this.held[this.held.length - 1];
+  }
+
+  /** Whether all frames have come that are watched. */
+  get isFull() {
+    return this.frames.length >= this.window;
+  }
+
+  /**
+   * Hold the next frame still, and keep it where it still shows enough of the reference.
+   *
+   * @param {BytePlane} gray
+   * @param {number} time - seconds
+   * @returns {boolean} whether it does
+   */
+  take(gray, time) {
+    const H = this.#stabiliser.follow(gray);
+    if (H === null) return false;
+    const { width, height } = this.reference;
+    const places = CHECKED.map(
+      ([x, y]) => /** @type {Point} */ ([x * width - 0.5, y * height - 0.5]),
+    );
+    const inView = inImage(transform(H, places), width, height);
+    if (inView.filter(Boolean).length < IN_VIEW * places.length) return false;
+    const at = position(time - this.start, this.fps);
+    if (this.frames.length === 0) this.#add(this.held[0]); // now the film can be held still
+    this.held.push(new HeldFrame(gray, H, at, time, this.#stabiliser.tracks));
+    if (this.held.length > this.#most) this.held.shift();
+    if (!this.isFull) this.#add(this.newest);
+    this.seen++;
+    return true;
+  }
+
+  /** Watch a frame. @param {HeldFrame} frame */
+  #add(frame) {
+    this.frames.push(frame);
+    const still = this.#stabiliser.still(frame.gray, frame.HFrameFromReference);
+    this.map.add(still, frame.at);
+  }
+
+  /**
+   * Show what corners in the reference bound in the frames watched.
+   *
+   * @param {Point[]} corners
+   * @param {number} width - of the views, pixels
+   * @param {number} height
+   */
+  views(corners, width, height) {
+    return this.map.views(this.places(corners, null), width, height);
+  }
+
+  /**
+   * Find where corners in the reference lie on the map.
+   *
+   * @param {Point[]} corners
+   * @param {number | null} count - of the frames, from the first on, in which they follow their own
+   *   motion: what is nearer than the wall behind it moves farther when the camera moves sideways;
+   *   null where the room is held still
+   * @returns {Point[][]} pixels of the map: for each of the frames, or once for all
+   */
+  places(corners, count) {
+    if (count === null) return [this.#stabiliser.onCopy(corners)];
+    const places = this.#own.get(corners) ?? [];
+    for (const frame of this.frames.slice(places.length, count)) {
+      const HReferenceFromFrame = inverse(frame.HFrameFromReference);
+      const seen = transform(HReferenceFromFrame, frame.corners(corners));
+      places.push(this.#stabiliser.onCopy(seen));
+    }
+    this.#own.set(corners, places);
+    return places.slice(0, count);
+  }
+
+  /**
+   * Move points from the map to the reference.
+   *
+   * @param {Point[]} points
+   */
+  onImage(points) {
+    return this.#stabiliser.onImage(points);
+  }
+}

@@ -1,0 +1,140 @@
+/**
+ * How strongly blocks at the pilots' places toggle with the pilots' signs.
+ *
+ * A pilot is a block whose bit is known, so the sign with which it toggles is known too: from one
+ * state of the display to the next, all pilots of bit 1 change one way and all of bit 0 the other
+ * way. Whether a quadrilateral of the image is the display, which way up it is, and which grid it
+ * shows follows from how well its blocks keep to these signs. Rate and phase need not be known.
+ */
+
+import { receiverPilotsSignal } from "../../../generated/constants.js";
+import { arraysOf, call, floatPlane, rowsOf } from "../../image/opencv.js";
+import { pilotCentres, pilotSigns } from "../../link/pilots.js";
+import { MOST_SPAN, rowsOfWaves, spanOf, waves } from "./waves.js";
+
+/** @typedef {import("./waves.js").Wave} Wave */
+
+export const { LEAST_DEVIATION, SLOWEST } = receiverPilotsSignal;
+/** Differences of phase from left to right and from top to bottom, in radians, that are tried. */
+const PHASE_SLOPES = /** @type {[number, number][]} */ (receiverPilotsSignal.PHASE_SLOPES);
+
+/** What brings all pilots into one phase, if their phases slope. @type {WeakMap<Layout, Wave[]>} */
+const phasesOfLayouts = new WeakMap();
+
+/**
+ * Give the pilots' signs, turned back by the phase at their places.
+ *
+ * @param {Layout} layout - with pilots
+ * @returns {Wave[]} (pilots,) for each of `PHASE_SLOPES`
+ */
+function signedPhases(layout) {
+  const known = phasesOfLayouts.get(layout);
+  if (known) return known;
+  const signs = pilotSigns(layout);
+  const centres = pilotCentres(layout);
+  const phases = PHASE_SLOPES.map(([across, down]) => {
+    const turned = (/** @type {(phase: number) => number} */ wave) =>
+      signs.map((sign, p) => {
+        return sign * wave(across * (centres[p][0] - 0.5) + down * (centres[p][1] - 0.5));
+      });
+    return { real: turned(Math.cos), imaginary: turned((phase) => -Math.sin(phase)) };
+  });
+  phasesOfLayouts.set(layout, phases);
+  return phases;
+}
+
+/**
+ * Add up amplitudes of all pilots that are turned back and have their signs, and their squares.
+ *
+ * @param {ArrayLike<number>} real - (pilots,)
+ * @param {ArrayLike<number>} imaginary - (pilots,)
+ * @param {Wave} phases - of one slope
+ * @returns {{ a: number, b: number, rr: number, ii: number, ri: number }} sums of the real and the
+ *   imaginary parts, of their squares, and of their products
+ */
+function turnedSums(real, imaginary, phases) {
+  let [a, b, rr, ii, ri] = [0, 0, 0, 0, 0];
+  for (let p = 0; p < real.length; p++) {
+    const [cos, sin] = [phases.real[p], phases.imaginary[p]];
+    const r = real[p] * cos - imaginary[p] * sin;
+    const i = real[p] * sin + imaginary[p] * cos;
+    a += r;
+    b += i;
+    rr += r * r;
+    ii += i * i;
+    ri += r * i;
+  }
+  return { a, b, rr, ii, ri };
+}
+
+/**
+ * Tell how surely values over time toggle with the pilots' signs, at any one frequency.
+ *
+ * At each frequency the values have complex amplitudes X_p, whose phases may slope across the
+ * display (`PHASE_SLOPES`); they are turned back first. Without the display, signs and amplitudes
+ * have nothing to do with each other, whatever moves or flickers in the image, in one phase or in
+ * many. So the signs s_p are regressed on the real and the imaginary parts of X_p: by chance these
+ * explain the share R2 of the signs' power, or more, with probability (1 - R2)^((P - 2) / 2), for P
+ * pilots. The largest share over all frequencies and slopes is taken, and their number is paid for.
+ * That holds whenever the frames were taken: chance is in the pilots' signs, not in time. The
+ * frequencies are those of whole periods in the time that the frames cover, up to the fastest that
+ * the camera can see, so that more are paid for where frames are missing in between.
+ *
+ * @param {readonly Float32Array[]} values - (pilots,) for each of some frames
+ * @param {Layout} layout - with these pilots
+ * @param {readonly number[]} at - positions of the frames (waves.js), rising
+ * @returns {{ evidence: number, frequency: number }} `evidence` is the natural logarithm of the
+ *   probability that chance does as well, with the sign turned, so that more is surer, 0 at least;
+ *   `frequency` is where it was found, in periods for each nominal frame
+ */
+export function pilotEvidence(values, layout, at) {
+  const first = at.findIndex((place) => place > at[at.length - 1] - MOST_SPAN);
+  const places = at.slice(Math.max(0, first));
+  const frames = places.length;
+  const pilots = layout.pilotBlocks.length;
+  const { span, fastest } = spanOf(places);
+  const frequencies = fastest + 1 - SLOWEST;
+  if (frequencies < 1) return { evidence: 0, frequency: 0 };
+  const periods = (/** @type {number} */ from, /** @type {number} */ count) =>
+    Array.from({ length: count }, (_, i) => (from + i) / span);
+  const seen = waves(places, periods(SLOWEST, frequencies), periods(0, SLOWEST));
+  const shares = new Float64Array(frequencies);
+  const given = [seen, signedPhases(layout)].map(rowsOfWaves);
+  const taken = rowsOf(values.slice(values.length - frames));
+  call("explainedShares", [taken, LEAST_DEVIATION, ...given], [shares]);
+  const share = Math.max(...shares);
+  const best = (SLOWEST + shares.indexOf(share)) / span;
+  const unexplained = Math.max(1 - share, 1e-12);
+  const paid = Math.log(frequencies * PHASE_SLOPES.length);
+  const chance = ((pilots - 2) / 2) * Math.log(unexplained) + paid;
+  return { evidence: Math.max(0, -chance), frequency: best };
+}
+
+/**
+ * Find the phase in which the pilots toggle, and by how much it slopes across the display.
+ *
+ * @param {ArrayLike<number>} real - (pilots,) amplitudes at one frequency
+ * @param {ArrayLike<number>} imaginary - (pilots,)
+ * @param {Layout} layout - with pilots
+ * @returns {{ slope: [number, number], phase: number }} differences of phase from left to right and
+ *   from top to bottom, one of `PHASE_SLOPES`, and the phase of a pilot of bit 1 at the centre of
+ *   the display, radians
+ */
+export function commonPhase(real, imaginary, layout) {
+  const along = signedPhases(layout).map((phases) => turnedSums(real, imaginary, phases));
+  const powers = along.map(({ a, b }) => a * a + b * b);
+  const best = powers.indexOf(Math.max(...powers));
+  return { slope: PHASE_SLOPES[best], phase: Math.atan2(along[best].b, along[best].a) };
+}
+
+/**
+ * Divide what differs from the mean over time by its usual deviation.
+ *
+ * @param {readonly Float32Array[]} values - (n,) for each of some frames
+ * @returns {Float32Array[]} (n,) for each
+ */
+export function overDeviation(values) {
+  const over = floatPlane(values[0].length, values.length);
+  call("overDeviation", [rowsOf(values), LEAST_DEVIATION], [over]);
+  return arraysOf(over);
+}

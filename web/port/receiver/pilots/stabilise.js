@@ -1,0 +1,307 @@
+/** Hold the frames of a film still: where each point of a reference frame lies in a later one. */
+
+import { receiverPilotsStabilise } from "../../../generated/constants.js";
+import {
+  chooseFeatures, chosen, fitMotion, follow, hullArea, pointsOf,
+} from "../../image/points.js";
+import { roundHalfEven } from "../../image/round.js";
+import { resizeArea } from "../../image/shrink.js";
+import { warped } from "../../image/warp.js";
+import { contourArea, transform } from "../../link/geometry.js";
+import { inverse, multiply3 } from "../../link/linear.js";
+
+export const {
+  WIDTH, POINTS, MIN_POINTS, CLEAR, FAINT, ROOM_POINTS, APART_PX, FLOW_PX, FLOW_ENDS, SAME_PX,
+  PARTS, AGREEING, SPREAD, TRIES, TRIES_WITHIN,
+} = receiverPilotsStabilise;
+
+/** Number of clear points of which some are chosen. */
+const MOST_POINTS = 1 << 14;
+
+/** Points of a reference frame that were found again in a later one. */
+export class Tracks {
+  /**
+   * @param {Float32Array} before - pixels of the reference, x and y in turn
+   * @param {Float32Array} after - pixels of the later frame
+   * @param {number} samePx - `SAME_PX` in pixels of the frames
+   */
+  constructor(before, after, samePx) {
+    this.before = before;
+    this.after = after;
+    this.samePx = samePx;
+  }
+
+  /**
+   * Find how what lies within a convex quadrilateral has moved.
+   *
+   * @param {Point[]} quad - pixels of the reference, clockwise
+   * @returns {Float64Array | null} the homography from the reference to the later frame; null where
+   *   too few points lie within, or too close together, or do not agree
+   */
+  motionWithin(quad) {
+    const lines = linesOf(quad);
+    const { before, after } = this;
+    const isInside = (/** @type {number} */ i) => outside(lines, before[2 * i], before[2 * i + 1]) <= 0;
+    const within = chosen(before, isInside);
+    const [motion] = motionsOf(within, chosen(after, isInside), 1, this.samePx, TRIES_WITHIN);
+    if (motion === undefined || 2 * motion.count < AGREEING * within.length) return null;
+    return motion.area >= SPREAD * contourArea(quad) ? motion.H : null;
+  }
+}
+
+/**
+ * Follows the camera's motion since a reference frame, by optical flow and one homography.
+ *
+ * Most points move with the camera. But if a display shows a video, its picture moves as well, and
+ * may have more points than the room. Then points around the picture are followed, or, as long as
+ * nobody knows where it is, those points count that lie farther apart.
+ */
+export class Stabiliser {
+  /** Width and height of the frames. */
+  #size;
+  /** Points of the reference, and where they may be in the next frame: x and y in turn. */
+  #points;
+  #guess;
+  /** @type {Homography} */
+  #HImageFromCopy;
+  /** The frame that was followed last, and its copy. @type {[BytePlane, BytePlane] | null} */
+  #last = null;
+  #farApart;
+  /** Share of the reference's points that moved as one in the last frame, in [0, 1]. */
+  share = 0;
+  /**
+   * Points found again in the last frame; null where pictures in it may move.
+   *
+   * @type {Tracks | null}
+   */
+  tracks = null;
+
+  /**
+   * @param {BytePlane} gray - the reference frame
+   * @param {boolean} [farApart] - whether, of two motions, that of the points counts which lie
+   *   farther apart, and not that of the most points
+   * @param {Point[] | null} [picture] - corners of a picture that moves by itself; points around it
+   *   are followed, if there are `ROOM_POINTS`; else `farApart` holds
+   */
+  constructor(gray, farApart = false, picture = null) {
+    const { width, height } = gray;
+    const reference = this.#copyOf(gray);
+    /** Copy of the reference. */
+    this.reference = reference;
+    this.#size = [width, height];
+    const x = width / reference.width;
+    const y = height / reference.height;
+    this.#HImageFromCopy = [x, 0, (x - 1) / 2, 0, y, (y - 1) / 2, 0, 0, 1];
+    const mask = picture && aroundQuad(this.onCopy(picture), reference.width, reference.height);
+    const room = mask ? clearPoints(reference, 1, CLEAR, mask) : new Float32Array(0);
+    const isSeen = room.length >= 2 * ROOM_POINTS;
+    this.#farApart = farApart && !isSeen;
+    this.#points = isSeen ? room : clearPoints(reference, PARTS, farApart ? FAINT : CLEAR);
+    this.#guess = this.#points.slice();
+  }
+
+  /**
+   * Find the homography from pixels of the reference to pixels of a later frame.
+   *
+   * @param {BytePlane} gray
+   * @returns {Float64Array | null} nine numbers; null where the reference's points are lost
+   */
+  follow(gray) {
+    if (this.#points.length < 2 * MIN_POINTS) return null;
+    if (gray.width !== this.#size[0] || gray.height !== this.#size[1]) return null;
+    this.#last = null;
+    const small = this.#copyOf(gray);
+    const { before, after } = foundAgain(this.reference, small, this.#points, this.#guess);
+    const motions = motionsOf(before, after, this.#farApart ? 2 : 1, SAME_PX);
+    if (motions.length === 0) return null;
+    const { H, count } = motions.reduce((best, each) => (each.area > best.area ? each : best));
+    this.share = (2 * count) / this.#points.length;
+    this.#guess = Float32Array.from(transform(H, pointsOf(this.#points)).flat());
+    const grow = this.#HImageFromCopy;
+    this.tracks = this.#farApart ? null : tracksOf(before, after, grow);
+    return multiply3(multiply3(grow, H), inverse(grow));
+  }
+
+  /**
+   * Shrink a frame and move it onto the reference's copy.
+   *
+   * @param {BytePlane} gray
+   * @param {Homography} HImageFromReference
+   * @returns {BytePlane}
+   */
+  still(gray, HImageFromReference) {
+    const grow = this.#HImageFromCopy;
+    const H = multiply3(multiply3(inverse(grow), HImageFromReference), grow);
+    const small = this.#copyOf(gray);
+    return warped(small, H, small.width, small.height);
+  }
+
+  /**
+   * Move points from the image to the copy.
+   *
+   * @param {Point[]} points
+   * @returns {Point[]}
+   */
+  onCopy(points) {
+    return transform(inverse(this.#HImageFromCopy), points);
+  }
+
+  /**
+   * Move points from the copy to the image.
+   *
+   * @param {Point[]} points
+   * @returns {Point[]}
+   */
+  onImage(points) {
+    return transform(this.#HImageFromCopy, points);
+  }
+
+  /**
+   * Shrink a frame, unless that was done just now.
+   *
+   * @param {BytePlane} gray
+   */
+  #copyOf(gray) {
+    if (this.#last === null || this.#last[0] !== gray) {
+      const factor = Math.max(1, gray.width / WIDTH);
+      const width = roundHalfEven(gray.width / factor);
+      const height = Math.max(1, roundHalfEven(gray.height / factor));
+      this.#last = [gray, resizeArea(gray, width, height)];
+    }
+    return this.#last[1];
+  }
+}
+
+/**
+ * Move points of both copies to the images.
+ *
+ * @param {Float32Array} before - x and y in turn
+ * @param {Float32Array} after
+ * @param {Homography} HImageFromCopy
+ */
+function tracksOf(before, after, HImageFromCopy) {
+  const [one, other] = [before, after].map((points) =>
+    Float32Array.from(transform(HImageFromCopy, pointsOf(points)).flat()),
+  );
+  return new Tracks(one, other, SAME_PX * HImageFromCopy[0]);
+}
+
+/**
+ * Mark by 255 the pixels that lie `APART_PX` or more outside of a convex quadrilateral.
+ *
+ * @param {Point[]} quad - clockwise
+ * @param {number} width
+ * @param {number} height
+ */
+function aroundQuad(quad, width, height) {
+  const lines = linesOf(quad);
+  const data = new Uint8Array(width * height);
+  for (let y = 0, at = 0; y < height; y++) {
+    for (let x = 0; x < width; x++, at++) {
+      if (outside(lines, x, y) >= APART_PX) data[at] = 255;
+    }
+  }
+  return { width, height, data };
+}
+
+/**
+ * Choose the clearest points of an image, but only so many in each of its parts.
+ *
+ * @param {BytePlane} plane
+ * @param {number} parts - number of parts along each axis
+ * @param {number} least - smallest share of how clear the clearest point is
+ * @param {BytePlane | null} [mask] - 0 where no points are taken; null to take them anywhere
+ * @returns {Float32Array<ArrayBuffer>} x and y in turn
+ */
+function clearPoints(plane, parts, least, mask = null) {
+  const points = chooseFeatures(plane, MOST_POINTS, least, APART_PX, mask);
+  const room = new Array(parts ** 2).fill(Math.floor(POINTS / parts ** 2));
+  // the clearest comes first
+  return chosen(points, (i) => {
+    const col = Math.floor((parts * points[2 * i]) / plane.width);
+    const row = Math.floor((parts * points[2 * i + 1]) / plane.height);
+    return room[row * parts + col]-- > 0;
+  });
+}
+
+/**
+ * Find points of one image in another by optical flow.
+ *
+ * @param {BytePlane} reference
+ * @param {BytePlane} small
+ * @param {Float32Array} points - of the reference, x and y in turn
+ * @param {Float32Array} guess - where they may be
+ * @returns {{ before: Float32Array, after: Float32Array }} points that were found, in both images
+ */
+function foundAgain(reference, small, points, guess) {
+  const { moved, found } = follow(reference, small, points, FLOW_PX, 2, guess, FLOW_ENDS.slice(1));
+  const isFound = (/** @type {number} */ i) => found[i];
+  return { before: chosen(points, isFound), after: chosen(moved, isFound) };
+}
+
+/**
+ * A motion that points share: the homography, the number of points, and the area, in square pixels,
+ * of the smallest convex region that holds them.
+ *
+ * @typedef {{ H: Float64Array, count: number, area: number }} SharedMotion
+ */
+
+/**
+ * Find motions that points share, that of the most points first.
+ *
+ * @param {Float32Array} before - points of the reference, x and y in turn
+ * @param {Float32Array} after - where they are found
+ * @param {number} most - number of motions that are looked for
+ * @param {number} samePx - largest distance, in pixels, of a point from where its motion puts it
+ * @param {number} [tries] - largest number of motions that are tried for each one found
+ * @returns {SharedMotion[]} each of `MIN_POINTS` points or more
+ */
+function motionsOf(before, after, most, samePx, tries = TRIES) {
+  /** @type {SharedMotion[]} */
+  const found = [];
+  while (found.length < most && before.length >= 2 * MIN_POINTS) {
+    const fit = fitMotion(before, after, samePx, false, tries);
+    if (fit === null || fit.count < MIN_POINTS) break;
+    const { H, same, count } = fit;
+    found.push({ H, count, area: hullArea(chosen(before, (i) => same[i])) });
+    after = chosen(after, (i) => !same[i]);
+    before = chosen(before, (i) => !same[i]);
+  }
+  return found;
+}
+
+/**
+ * Tell how far a point lies outside of the nearest lines of a convex quadrilateral.
+ *
+ * @param {Line[]} lines - of the quadrilateral
+ * @param {number} x
+ * @param {number} y
+ * @returns {number} negative within
+ */
+function outside(lines, x, y) {
+  let most = -Infinity;
+  for (const { start, along } of lines) {
+    most = Math.max(most, along[1] * (x - start[0]) - along[0] * (y - start[1]));
+  }
+  return most;
+}
+
+/**
+ * A line that bounds a quadrilateral: where it starts, and its direction, of length 1.
+ *
+ * @typedef {{ start: Point, along: number[] }} Line
+ */
+
+/**
+ * Find the lines that bound a quadrilateral.
+ *
+ * @param {Point[]} quad - clockwise
+ */
+function linesOf(quad) {
+  return quad.map((start, i) => {
+    const end = quad[(i + 1) % quad.length];
+    const along = [end[0] - start[0], end[1] - start[1]];
+    const length = Math.max(Math.hypot(...along), 1e-9);
+    return { start, along: along.map((part) => part / length) };
+  });
+}

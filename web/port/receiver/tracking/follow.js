@@ -1,0 +1,231 @@
+/** Follow a display from frame to frame by optical flow, once its corners are known. */
+
+import { receiverTrackingFollow } from "../../../generated/constants.js";
+import { stretched } from "../../image/levels.js";
+import { bytePlane, call } from "../../image/opencv.js";
+import { chooseFeatures, chosen, fitMotion, follow, pointsOf } from "../../image/points.js";
+import {
+  Lens,
+  checkCorners,
+  frameCorners,
+  homographyFromCorners,
+  inImage,
+  rectify,
+  transform,
+} from "../../link/geometry.js";
+import { multiply3 } from "../../link/linear.js";
+import { OUTSIDE } from "../locate/refine.js";
+import { Stabiliser } from "../pilots/stabilise.js";
+
+const {
+  FEATURES, COMPARED_PX, HALVINGS, EVEN_MEAN, EVEN_DEVIATION, MIN_INLIERS, INLIER_PX, EDGE_PX,
+  WORN_SHARE,
+} = receiverTrackingFollow;
+
+/** @type {Point[]} */
+const STILL = [
+  [0, 0],
+  [0, 0],
+  [0, 0],
+  [0, 0],
+];
+
+/**
+ * Follows the display by optical flow to a rectified reference, so that errors do not add up.
+ *
+ * The reference is the frame in which the display was found, and is taken anew where the picture
+ * has changed (a video): points on ratex patches then hold the geometry. A display without them
+ * whose picture moves is followed by what lies around it, which moves with the camera.
+ */
+export class Follower {
+  #motion = STILL;
+  /** Corners in the reference. */
+  #first = STILL;
+  /** What lies around a picture that moves. @type {Stabiliser | null} */
+  #room = null;
+  #pictureMoves;
+  /** What is followed. @type {BytePlane | null} */
+  #reference = null;
+  /** Points of the reference: x, y, x, ... */
+  #points = new Float32Array(0);
+  #k;
+
+  /**
+   * @param {Layout} layout - of the display
+   * @param {number} [k] - coefficient of the lens
+   * @param {boolean} [pictureMoves] - whether it is followed by what lies around it
+   */
+  constructor(layout, k = 0, pictureMoves = false) {
+    this.layout = layout;
+    this.#pictureMoves = pictureMoves;
+    this.#k = k;
+    /**
+     * Corners in the last frame, in corner order, or null where nothing is followed.
+     *
+     * @type {Point[] | null}
+     */
+    this.corners = null;
+  }
+
+  /**
+   * Give the lens through which an image was taken.
+   *
+   * @param {BytePlane} image
+   * @returns {Lens}
+   */
+  lens(image) {
+    return new Lens(this.#k, image.width, image.height);
+  }
+
+  /**
+   * Rectify the display in an image, or return null where the corners are not sound.
+   *
+   * @param {BytePlane} image
+   * @param {Point[]} corners - pixels of the image, in corner order
+   * @returns {BytePlane | null}
+   */
+  rectified(image, corners) {
+    if (!checkCorners(corners, image.width, image.height, OUTSIDE)) return null;
+    const { width, height } = this.layout;
+    const lens = this.lens(image);
+    const H = lens.homography(corners, width, height);
+    return rectify(image, H, width, height, lens);
+  }
+
+  /**
+   * Take a frame, and the display rectified by its corners, as the reference.
+   *
+   * @param {BytePlane} image
+   * @param {Point[]} corners - pixels of the image, in corner order
+   * @param {BytePlane} rectified
+   */
+  begin(image, corners, rectified) {
+    if (this.corners === null) this.#motion = STILL;
+    this.corners = this.#first = corners;
+    if (this.#pictureMoves) {
+      this.#room = new Stabiliser(image, true, corners);
+      return;
+    }
+    const H = homographyFromCorners(corners, this.layout.width, this.layout.height);
+    const reference = stretched(rectified, EVEN_MEAN, EVEN_DEVIATION);
+    this.#reference = reference;
+    this.#points = this.#pointsOf(reference, this.#viewMask(H, image.width, image.height));
+  }
+
+  /**
+   * Take the corners in the next frame, which `step` found.
+   *
+   * @param {Point[]} corners
+   */
+  advance(corners) {
+    const before = this.corners;
+    if (before) {
+      this.#motion = corners.map(([x, y], i) => {
+        return [0.5 * (x - before[i][0]), 0.5 * (y - before[i][1])];
+      });
+    }
+    this.corners = corners;
+  }
+
+  /** Follow nothing any more. */
+  forget() {
+    this.corners = null;
+  }
+
+  /**
+   * Find the display in the next frame.
+   *
+   * @param {BytePlane} image
+   * @returns {{ corners: Point[], fresh: boolean } | null} pixels of the image, and whether the
+   *   picture has changed so much that the reference should be taken anew; null where the display
+   *   is lost
+   */
+  step(image) {
+    const room = this.#room;
+    if (room && this.corners !== null) {
+      const H = room.follow(image);
+      return H && { corners: transform(H, this.#first), fresh: room.share < WORN_SHARE };
+    }
+    const reference = this.#reference;
+    if (this.corners === null || reference === null) return null;
+    if (this.#points.length < 2 * MIN_INLIERS) return null;
+    const { width, height } = this.layout;
+    const motion = this.#motion;
+    /** @type {Point[]} */
+    const guess = this.corners.map(([x, y], i) => [x + motion[i][0], y + motion[i][1]]);
+    const lens = this.lens(image);
+    const HStraightFromGuess = lens.homography(guess, width, height);
+    const rectified = rectify(image, HStraightFromGuess, width, height, lens);
+    const view = stretched(rectified, EVEN_MEAN, EVEN_DEVIATION);
+    const { moved, found } = follow(reference, view, this.#points, COMPARED_PX, HALVINGS);
+    if (!inImage(guess, image.width, image.height).every(Boolean)) {
+      const there = lens.distort(transform(HStraightFromGuess, pointsOf(moved)));
+      inImage(there, image.width, image.height).forEach((inside, i) => (found[i] &= inside));
+    }
+    const [from, to] = [this.#points, moved].map((points) => chosen(points, (i) => found[i]));
+    if (from.length < 2 * MIN_INLIERS) return null;
+    const fit = fitMotion(from, to, INLIER_PX);
+    if (fit === null || fit.count < MIN_INLIERS) return null;
+    const H = multiply3(HStraightFromGuess, fit.H);
+    const corners = lens.distort(transform(H, frameCorners(width, height)));
+    return { corners, fresh: (2 * fit.count) / from.length < 0.5 };
+  }
+
+  /**
+   * Mark, by 255, the pixels of the layout that lie in the image, and not near its border.
+   *
+   * @param {Float64Array} HCapturedFromDisplay
+   * @param {number} imageWidth
+   * @param {number} imageHeight
+   * @returns {BytePlane | null} null where all do
+   */
+  #viewMask(HCapturedFromDisplay, imageWidth, imageHeight) {
+    const { width, height } = this.layout;
+    const corners = transform(HCapturedFromDisplay, frameCorners(width, height));
+    if (inImage(corners, imageWidth, imageHeight).every(Boolean)) return null;
+    const seen = bytePlane(width, height);
+    const [h0, h1, h2, h3, h4, h5, h6, h7, h8] = HCapturedFromDisplay;
+    for (let y = 0, at = 0; y < height; y++) {
+      for (let x = 0; x < width; x++, at++) {
+        const w = h6 * x + h7 * y + h8;
+        const column = (h0 * x + h1 * y + h2) / w;
+        const row = (h3 * x + h4 * y + h5) / w;
+        const across = column >= -0.5 && column < imageWidth - 0.5;
+        if (across && row >= -0.5 && row < imageHeight - 0.5) seen.data[at] = 255;
+      }
+    }
+    const inside = bytePlane(width, height);
+    call("eroded", [seen, 2 * EDGE_PX + 1], [inside]);
+    return inside;
+  }
+
+  /**
+   * Choose the points that are followed.
+   *
+   * @param {BytePlane} reference
+   * @param {BytePlane | null} seen - nonzero where points may lie; null where they may everywhere
+   */
+  #pointsOf(reference, seen) {
+    const { width, height } = reference;
+    const { layout } = this;
+    const patches = bytePlane(width, height);
+    for (const [row, col] of layout.ratex) {
+      const [top, bottom, left, right] = layout.cellBox(row, col);
+      for (let y = top; y < bottom; y++) patches.data.fill(255, y * width + left, y * width + right);
+    }
+    const rest = { width, height, data: patches.data.map((value) => 255 - value) };
+    for (const { data } of [patches, rest]) {
+      if (seen) for (let at = 0; at < data.length; at++) data[at] &= seen.data[at];
+    }
+    const points = layout.ratex.length
+      ? [
+          ...chooseFeatures(reference, FEATURES / 2, 0.05, 4, patches),
+          ...chooseFeatures(reference, FEATURES / 2, 0.02, 8, rest),
+        ]
+      : chooseFeatures(reference, FEATURES, 0.02, 8, rest);
+    return chosen(Float32Array.from(points), (i) => {
+      const [x, y] = [points[2 * i], points[2 * i + 1]];
+      return x > 3 && x < width - 3 && y > 3 && y < height - 3;
+    });
+  }
+}

@@ -1,0 +1,163 @@
+/** Find a display by its pilots, follow it, and notice when it is no longer the display. */
+
+import { receiverTrackingPilots } from "../../../generated/constants.js";
+import { identity, multiply3 } from "../../link/linear.js";
+import { movedCorners } from "../pilots/motion.js";
+import { PilotSearch } from "../pilots/search/pilotSearch.js";
+import { pilotValues } from "../../link/pilots.js";
+import { findToggling } from "../pilots/toggling.js";
+import { position } from "../pilots/waves.js";
+import { Follower } from "./follow.js";
+
+/** @typedef {import("./patches.js").Tracked} Tracked */
+
+export const { WATCHED, CHECK_EVERY, LEAST_EVIDENCE, PATIENCE, SOON } = receiverTrackingPilots;
+
+/** Finds a display that shows one of several layouts with pilots, and follows it. */
+export class PilotTracker {
+  #search;
+  #follower;
+  /** @type {Homography} */
+  #HFollowedFromShown = identity(3);
+  /** @type {Float32Array[]} */
+  #values = [];
+  /** Positions of the frames with these values, since `#start`. @type {number[]} */
+  #at = [];
+  #start = 0;
+  #count = 0;
+  #missed = 0;
+
+  /**
+   * @param {Layout[]} layouts - those that are looked for, at least one, each with pilots
+   * @param {number} fps - nominal number of frames of the camera in a second
+   * @param {number} [frameMs] - time after which the search begins no step (`PilotSearch`)
+   */
+  constructor(layouts, fps, frameMs) {
+    this.#search = new PilotSearch(layouts, fps, frameMs);
+    this.fps = fps;
+    this.#follower = new Follower(layouts[0]);
+  }
+
+  /** Layout of the display that was found last. */
+  get layout() {
+    return this.#follower.layout;
+  }
+
+  /** Whether no display is followed, and no search has begun. */
+  get isIdle() {
+    return this.#follower.corners === null && this.#search.isIdle;
+  }
+
+  /**
+   * Move the display within its rectified image, from the next frame on.
+   *
+   * @param {Homography} HOldFromNew - in layout pixels; says where points of the display lie in
+   *   the image rectified so far
+   */
+  correct(HOldFromNew) {
+    const H = multiply3(this.#HFollowedFromShown, HOldFromNew);
+    this.#HFollowedFromShown = H.map((value) => value / H[8]);
+  }
+
+  /** Look for the display anew, because what is followed gives nothing to read. */
+  setAside() {
+    this.#follower.forget();
+  }
+
+  /**
+   * Find the display in the next frame.
+   *
+   * @param {BytePlane} image - gray
+   * @param {number} time - of the frame, seconds; rising from frame to frame
+   * @param {number} [begun] - when the work on the frame began, milliseconds of `performance.now`
+   * @returns {Tracked | null} the display, or null where it is not in view
+   */
+  follow(image, time, begun) {
+    if (this.#follower.corners === null) return this.#look(image, time, begun);
+    const step = this.#follower.step(image);
+    const tracked = step === null ? null : this.#accept(image, step.corners, step.fresh);
+    if (tracked !== null && this.#stillThere(tracked, time)) return tracked;
+    const isFollowedAmiss = tracked !== null || this.#search.pictureMoves;
+    if (isFollowedAmiss && this.#count <= SOON) this.#search.doubtPicture();
+    this.#follower.forget();
+    return null;
+  }
+
+  /**
+   * @param {BytePlane} image
+   * @param {number} time
+   * @param {number} [begun]
+   */
+  #look(image, time, begun) {
+    const found = this.#search.push(image, time, begun);
+    if (found === null) return null;
+    this.#follower = new Follower(found.layout, found.k, this.#search.pictureMoves);
+    this.#HFollowedFromShown = identity(3);
+    this.#values = [];
+    this.#at = [];
+    this.#start = time;
+    this.#count = this.#missed = 0;
+    const tracked = this.#accept(image, found.corners, true);
+    return tracked && { ...tracked, anew: true, before: this.#before(found), clock: found.clock };
+  }
+
+  /**
+   * Show the display in the frames in which it was looked for.
+   *
+   * @param {import("../pilots/search/pilotSearch.js").PilotDisplay} found
+   */
+  #before({ firstCorners, held }) {
+    /** @type {{ time: number, seen: Tracked }[]} */
+    let shown = [];
+    for (const frame of held) {
+      const corners = frame.corners(firstCorners);
+      const rectified = this.#follower.rectified(frame.gray, corners);
+      if (rectified === null) shown = [];
+      else shown.push({ time: frame.time, seen: { corners, rectified } });
+    }
+    return shown;
+  }
+
+  /**
+   * Rectify the display where the motion of its points puts it.
+   *
+   * @param {BytePlane} image
+   * @param {Point[]} corners
+   * @param {boolean} fresh - whether the frame becomes the reference
+   */
+  #accept(image, corners, fresh) {
+    const follower = this.#follower;
+    const lens = follower.lens(image);
+    const shown = movedCorners(corners, this.#HFollowedFromShown, follower.layout, lens);
+    const rectified = follower.rectified(image, shown);
+    if (rectified === null) return null;
+    if (follower.corners !== null) follower.advance(corners);
+    if (fresh) {
+      const reference = follower.rectified(image, corners);
+      if (reference === null) return null;
+      follower.begin(image, corners, reference);
+    }
+    return { corners: shown, rectified };
+  }
+
+  /**
+   * Look at the pilots from time to time, and tell whether they are still seen.
+   *
+   * @param {Tracked} tracked
+   * @param {number} time
+   */
+  #stillThere(tracked, time) {
+    const { layout } = this;
+    this.#values.push(pilotValues(tracked.rectified, layout));
+    this.#at.push(position(time - this.#start, this.fps));
+    if (this.#values.length > WATCHED) {
+      this.#values.shift();
+      this.#at.shift();
+    }
+    this.#count++;
+    if (this.#count % CHECK_EVERY !== 0 || this.#values.length < WATCHED) return true;
+    const { evidence } = findToggling(this.#values, layout, this.#at, this.fps);
+    this.#missed = evidence >= LEAST_EVIDENCE ? 0 : this.#missed + 1;
+    return this.#missed < (this.#count > WATCHED ? PATIENCE : 1);
+  }
+}

@@ -1,0 +1,128 @@
+/**
+ * A loop as the player takes it (sender/player.py): a picture, and the bits that it carries.
+ *
+ * Python works out all that does not depend on them: where pilots lie, which levels are added to a
+ * pixel, and which levels leave room for that (web/host/tables.py).
+ */
+
+import { encode } from "../link/code/framing.js";
+import { blockSteps } from "../link/strength.js";
+
+/** @import { Content } from "../link/code/message.js" */
+/** @import { Picture } from "../link/strength.js" */
+
+/** What `send_preset` of web/host/tables.py says of a preset. @typedef {any} SendPreset */
+
+/**
+ * Make the loop of a message.
+ *
+ * @param {SendPreset} preset
+ * @param {Content} content - short enough for the preset
+ * @param {Picture} picture - of the size at which it is shown
+ * @returns {Promise<any>} values of JSON's types
+ */
+export async function makeLoop(preset, content, picture) {
+  const turned = (picture.width - picture.height) * (preset.size[0] - preset.size[1]) < 0;
+  const laid = turned ? turnedPicture(picture) : picture;
+  const { width, height } = laid;
+  const { rows, cols } = preset.loop;
+  const steps = preset.even ? blockSteps(laid, rows, cols) : null;
+  const shown = withRoom(laid, preset, steps);
+  const patches = preset.ratex.length ? drawPatches(shown, preset) : null;
+  const gray = shown.data.every((level, at) => level === shown.data[at - (at % 3)]);
+  const levels = gray ? shown.data.filter((_, at) => at % 3 === 0) : shown.data;
+  const letters = encode(content, preset.n_bits).map((bit) => bit + 48);
+  const text = new TextDecoder().decode(letters);
+  const pairs = text.length / preset.n_bits;
+  return {
+    ...preset.loop,
+    width,
+    height,
+    turned,
+    patches: patches && (await packed(patches)),
+    bits: Array.from({ length: pairs }, (_, pair) =>
+      text.slice(pair * preset.n_bits, (pair + 1) * preset.n_bits),
+    ),
+    pictures: [await packed(levels, gray ? 1 : 3)],
+    steps: [steps && (await packed(steps))],
+    shown: new Array(pairs).fill(0),
+    changes: [],
+  };
+}
+
+/** @param {Picture} picture @returns {Picture} turned a quarter clockwise */
+function turnedPicture({ width, height, data }) {
+  const turned = new Uint8Array(data.length);
+  for (let y = 0, to = 0; y < width; y++) {
+    for (let x = 0; x < height; x++, to += 3) {
+      const from = 3 * ((height - 1 - x) * width + y);
+      turned.set(data.subarray(from, from + 3), to);
+    }
+  }
+  return { width: height, height: width, data: turned };
+}
+
+/**
+ * Change a picture so that no change of its blocks leads out of the levels of a display.
+ *
+ * @param {Picture} picture
+ * @param {SendPreset} preset
+ * @param {Uint8Array | null} steps - of strength, by block
+ */
+function withRoom({ width, height, data }, preset, steps) {
+  const { rows, cols } = preset.loop;
+  const room = Uint8Array.from(atob(preset.room), (letter) => letter.charCodeAt(0));
+  const shown = new Uint8Array(data.length);
+  for (let y = 0, at = 0; y < height; y++) {
+    const row = Math.floor((y * rows) / height) * cols;
+    for (let x = 0; x < width; x++) {
+      const first = steps ? steps[row + Math.floor((x * cols) / width)] << 8 : 0;
+      for (const end = at + 3; at < end; at++) shown[at] = room[first + data[at]];
+    }
+  }
+  return { width, height, data: shown };
+}
+
+/**
+ * Draw ratex patches into a picture, as they are in the original frame.
+ *
+ * @param {Picture} picture
+ * @param {SendPreset} preset
+ * @returns {Uint8Array} (height * width) numbers of the changes in patches; 0 outside them
+ */
+function drawPatches({ width, height, data }, { ratex, tiles, changes, loop }) {
+  const numbers = new Uint8Array(width * height);
+  const side = Math.sqrt(tiles[0].length);
+  for (let y = 0, at = 0; y < height; y++) {
+    const down = Math.floor((y * loop.rows * side) / height);
+    for (let x = 0; x < width; x++, at++) {
+      const across = Math.floor((x * loop.cols * side) / width);
+      const [row, col] = [Math.floor(down / side), Math.floor(across / side)];
+      const patch = ratex.findIndex((/** @type {number[]} */ cell) => cell[0] === row && cell[1] === col);
+      if (patch < 0) continue;
+      const tile = (down % side) * side + (across % side);
+      data.fill(tiles[patch][tile], 3 * at, 3 * at + 3);
+      numbers[at] = changes[patch][tile];
+    }
+  }
+  return numbers;
+}
+
+/**
+ * Pack whole numbers from 0 to 255 as the player reads them: zlib packs the difference of each from
+ * the one before it in its channel.
+ *
+ * @param {Uint8Array} numbers
+ * @param {number} [channels]
+ * @returns {Promise<string>} base64
+ */
+export async function packed(numbers, channels = 1) {
+  const steps = numbers.map((number, at) => number - (at < channels ? 0 : numbers[at - channels]));
+  const stream = new Blob([steps]).stream().pipeThrough(new CompressionStream("deflate"));
+  const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
+  let letters = "";
+  for (let at = 0; at < bytes.length; at += 2 ** 15) {
+    letters += String.fromCharCode(...bytes.subarray(at, at + 2 ** 15));
+  }
+  return btoa(letters);
+}
