@@ -21,9 +21,10 @@ from data_gen.pairs import get_pair
 from data_gen.parameters import Pair
 from data_gen.pictures.library import Picture, load_folder, load_pictures
 from link.embed import embed
-from link.frames import Captured, Displayed, Rectified
+from link.frames import Captured, Displayed
 from link.images.equalise import equalise
 from link.layout import Layout
+from link.observation import Observation
 from link.placement import Placement
 from link.strength import block_steps
 
@@ -210,7 +211,7 @@ class FramePair:
         )
 
     @cached_property
-    def rectified(self) -> Rectified:
+    def rectified(self) -> Observation:
         """Both captured frames resampled to the layout's frame, as decoders take them."""
         return self.captured.rectified()
 

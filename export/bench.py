@@ -20,9 +20,9 @@ from export.parity import synthetic_pair
 from export.runtime import Decoder
 from link.cli import read_flags, run_cli
 from link.errors import at_least
-from link.frames import Rectified
 from link.images import as_batch, intensity
 from link.markdown import markdown_table
+from link.observation import Observation
 from models import find_graph
 from models.paper.common import require_ratex
 from models.paper.oorc import OORC, explicit_map
@@ -72,7 +72,7 @@ def main() -> None:
 
 
 def timed_actions(
-    decoder: Decoder, pair: Rectified, rng: np.random.Generator
+    decoder: Decoder, pair: Observation, rng: np.random.Generator
 ) -> dict[str, Callable[[], object]]:
     """Prepare what is timed on one frame pair.
 
@@ -103,7 +103,7 @@ def timed_actions(
     return actions | (fits_of_svms(pair) if layout.ratex else {})
 
 
-def fits_of_svms(pair: Rectified) -> dict[str, Callable[[], object]]:
+def fits_of_svms(pair: Observation) -> dict[str, Callable[[], object]]:
     """Prepare fits of scikit-learn's SVMs to the single pixels of a frame pair's ratex patches."""
     pixels = require_ratex(pair)
     maps = explicit_map(intensity(pair.original), intensity(pair.embedded))

@@ -4,26 +4,26 @@ python -m export.parity RUN --frames 1000
 """
 
 import json
-from dataclasses import asdict, astuple, dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
-import torch
 import tyro
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from export.film_graph import SHRINK, FilmGraph, FilmWindow
+from export.film_graph import FilmGraph
 from export.runtime import Decoder
 from link.cli import read_flags, run_cli
 from link.clock import DisplayClock
 from link.embed import block_changes, embed
 from link.errors import InputError, at_least
-from link.frames import Rectified
 from link.layout import MAX_PIXELS, MAX_SIDE_PX, MIN_BLOCK_PX, Layout, make_layout
-from link.pilots import expected_changes
+from link.observation import Observation, mixture_of_exposures
 from models.film.decoder import FilmDecoder
+from models.film.methods import decode_film_with
+from models.film.window import SHRINK
 from models.phi.checkpoint import load_checkpoint
 from models.phi.decoder import PhiDecoder
 from models.phi.methods import decode_with
@@ -112,11 +112,11 @@ def compare_films(module: FilmDecoder, graph: FilmGraph, windows: int = 9, seed:
     for index in range(windows):
         rows, cols = FILM_GRIDS[index % len(FILM_GRIDS)]
         layout = make_layout(rows, cols, modulation="antipodal", pilots="auto")
-        window, _ = synthetic_window(layout, rng, frames=8 + 3 * index)
-        with torch.no_grad():
-            ours = module(*film_tensors(window)).double().numpy()
-        theirs = graph.score(window)
-        scores.append(np.abs(ours).ravel())
+        window = synthetic_window(layout, rng, frames=8 + 3 * index).observation
+        ours, theirs = (
+            decoded.scores for decoded in (decode_film_with(module, window), graph.decode(window))
+        )
+        scores.append(np.abs(ours))
         differences.append(float(np.abs(ours - theirs).max()))
         clear = np.maximum(np.abs(ours), np.abs(theirs)) > FILM_TOLERANCE
         different += int((((ours > 0) != (theirs > 0)) & clear).sum())
@@ -126,9 +126,18 @@ def compare_films(module: FilmDecoder, graph: FilmGraph, windows: int = 9, seed:
     return Parity(windows, score.size, different, worst, largest, median, FILM_TOLERANCE)
 
 
-def film_tensors(window: FilmWindow) -> list[torch.Tensor]:
-    """Turn a window into the arguments of `FilmDecoder.forward`."""
-    return [torch.from_numpy(values) for values in window.inputs.values()]
+@dataclass(frozen=True)
+class SyntheticWindow:
+    """A window of film, and the truth about it."""
+
+    observation: Observation
+    """T frames of the display."""
+    bits: NDArray[np.intp]
+    """(P, n_bits) bits that it shows."""
+    clock: DisplayClock
+    """Clock of the display."""
+    times: NDArray[np.float64]
+    """(T,) times of the frames, seconds."""
 
 
 def synthetic_window(
@@ -137,8 +146,8 @@ def synthetic_window(
     frames: int = 24,
     noise: float = 40.0,
     shutter_s: float = 0.01,
-) -> tuple[FilmWindow, NDArray[np.intp]]:
-    """Make a window of film frames of a still display: clouds, a clock, mixed exposures, noise.
+) -> SyntheticWindow:
+    """Make a window of film: a picture that stands still, a clock, mixed exposures, and noise.
 
     Args:
         layout: grid with pilots, of the modulation "antipodal".
@@ -146,9 +155,6 @@ def synthetic_window(
         frames: number of frames.
         noise: standard deviation of a shrunk pixel, gray levels.
         shutter_s: time for which each place is exposed, seconds.
-
-    Returns:
-        the window, and the (pairs, n_bits) bits that it shows.
     """
     height, width = layout.height // SHRINK, layout.width // SHRINK
     coarse = rng.uniform(40, 215, (6, 8)).astype(np.float32)
@@ -170,21 +176,14 @@ def synthetic_window(
             signal += (after - before).reshape(grid) / 2 * block_changes(row, layout)
         blocks = cv2.resize(signal, (width, height), interpolation=cv2.INTER_NEAREST)
         shown.append(picture + 2 * blocks + noise * rng.standard_normal(picture.shape))
-    window = FilmWindow(
-        frames=np.stack(shown)[:, None].astype(np.float32),
-        seen=np.ones((frames, layout.rows, layout.cols), np.float32),
-        known=expected_changes(layout).astype(np.float32),
-        times=times,
-        clock=np.array(astuple(clock)),
-        first=first,
-        count=len(bits),
-    )
-    return window, bits
+    mixture = mixture_of_exposures(clock, times, layout, first, len(bits))
+    images = tuple(np.asarray(each, np.float32) for each in shown)
+    return SyntheticWindow(Observation(images, layout, mixture), bits, clock, times)
 
 
 def synthetic_pair(
     layout: Layout, rng: np.random.Generator, noise: float = 1.5, kappa_max: int = 10
-) -> Rectified:
+) -> Observation:
     """Make a frame pair that looks filmed: clouds of colour behind a curve, drift, motion, noise.
 
     Enough to exercise every part of the graph; accuracy is measured on the channel, not here.
@@ -209,7 +208,7 @@ def synthetic_pair(
         moved = cv2.warpAffine(frame, motion, size, borderMode=cv2.BORDER_REPLICATE)
         filmed = 240 * factor * (moved / 255.0) ** gamma + noise * rng.standard_normal(moved.shape)
         frames.append(np.clip(filmed.round(), 0, 255).astype(np.uint8))
-    return Rectified(frames[0], frames[1], layout, kappa)
+    return Observation.still(frames[0], frames[1], layout, kappa)
 
 
 def resized_layout(layout: Layout, scale: float) -> Layout:

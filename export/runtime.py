@@ -20,10 +20,11 @@ from export.onnx_file import check_onnx_file
 from export.watchdog import Watchdog
 from link.cli import add_pixel_limit, read_flags, run_cli
 from link.errors import InputError, ParameterError
-from link.frames import Captured, Rectified, SoftBits, check_same_size
+from link.frames import Captured, SoftBits, check_same_size
 from link.geometry import as_corners
 from link.images import as_batch, read_image
 from link.layout import MIN_BLOCK_PX, Layout
+from link.observation import Observation
 from link.outside import is_file, parse_json, read_bounded
 from link.pilots import pilots_toggled
 from link.ratex import patch_correlation
@@ -220,7 +221,7 @@ class Decoder:
         embedded: Image,
         corners: ArrayLike | None = None,
         corners_embedded: ArrayLike | None = None,
-    ) -> Rectified:
+    ) -> Observation:
         """Resample frames to the displayed picture, or check that they are rectified already.
 
         Args:
@@ -256,7 +257,7 @@ class Decoder:
             raise InputError(
                 f"a {width}x{height} frame is too small for {layout.cols}x{layout.rows} blocks"
             )
-        return Rectified(frames[0], frames[1], layout)
+        return Observation.still(frames[0], frames[1], layout)
 
 
 def read_model(path: Path) -> bytes:

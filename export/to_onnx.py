@@ -13,7 +13,7 @@ import torch
 import tyro
 from onnxscript.values import Opset
 
-from export.film_graph import FILM_FORMAT, LEAST_SIDE, SHRINK, FilmGraph
+from export.film_graph import FILM_FORMAT, FilmGraph
 from export.orphan import end_with_parent
 from export.parity import Parity, compare_films, compare_with_torch
 from export.runtime import FORMAT, Decoder
@@ -23,10 +23,12 @@ from link.errors import InputError, ParameterError, at_least
 from link.files.lock import locked
 from link.images import replaced
 from link.layout import MAX_SIDE_PX, MIN_BLOCK_PX, make_layout, read_layout
+from link.observation import SLOTS
 from link.outside import is_no_file
 from link.presets import PRESETS
 from models import PRETRAINED, PRETRAINED_PILOTS, shipped_checkpoint
 from models.film.decoder import FilmDecoder
+from models.film.window import LEAST_SIDE, SHRINK
 from models.phi.checkpoint import load_checkpoint, read_config
 from models.phi.decoder import PhiDecoder
 
@@ -105,18 +107,16 @@ def film_to_onnx(module: FilmDecoder) -> bytes:
         "frames": torch.zeros(12, 1, *size),
         "seen": torch.ones(12, layout.rows, layout.cols),
         "known": torch.zeros(layout.rows, layout.cols),
-        "times": torch.arange(12, dtype=torch.float64) / 30,
-        "clock": torch.tensor([1 / 15, 0.0, 0.01, 0.01, 0.01], dtype=torch.float64),
+        "shares": torch.zeros(12, SLOTS, layout.rows, layout.cols),
+        "pair": torch.zeros(12, SLOTS, dtype=torch.int64),
         "pairs": torch.arange(5),
-        "order": torch.ones(5),
     }
     free: tuple[dict[int, Any], ...] = (
         {0: frames, 2: height, 3: width},
         {0: frames, 1: rows, 2: cols},
         {0: rows, 1: cols},
+        {0: frames, 2: rows, 3: cols},
         {0: frames},
-        {},
-        {0: pairs},
         {0: pairs},
     )
     model = _translate(module, example, free, ["scores"])

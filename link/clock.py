@@ -76,9 +76,21 @@ class DisplayClock:
         """
         delays = places @ [self.delay_x, self.delay_y]
         begin = (time + delays - self.start) / self.period - state
-        length = self.shutter / self.period
-        inside = np.minimum(begin + length, 1) - np.maximum(begin, 0)
-        return np.asarray(np.clip(inside / length, 0, 1))
+        return exposure_share(begin, self.shutter / self.period)
+
+
+def exposure_share(begin: Array, length: float) -> Array:
+    """Work out the share that a state has of exposures.
+
+    Args:
+        begin: by how many states' time each exposure begins after the state does, any shape.
+        length: duration of the exposures, in states.
+
+    Returns:
+        shares in [0, 1], of the shape of ``begin``.
+    """
+    inside = np.minimum(begin + length, 1) - np.maximum(begin, 0)
+    return np.asarray(np.clip(inside / length, 0, 1))
 
 
 def embedded_share(clocks: Array, times: Array, places: Array, code: PilotCode = PLAIN) -> Array:

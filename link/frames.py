@@ -1,4 +1,4 @@
-"""What passes from stage to stage: displayed, captured and rectified frame pairs, and soft bits."""
+"""What passes from stage to stage: displayed and captured frame pairs, and soft bits."""
 
 from dataclasses import dataclass, field
 
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from link.errors import InputError
 from link.geometry import check_corners, homography_from_corners, rectify
 from link.layout import Layout
+from link.observation import Observation
 from link.types import Corners, Image
 
 
@@ -64,7 +65,7 @@ class Captured:
     meta: dict[str, object] = field(default_factory=dict)
     """Further keys of the manifest, such as pair, view_deg, picture and seed."""
 
-    def rectified(self) -> "Rectified":
+    def rectified(self) -> Observation:
         """Resample both frames to the layout's frame, by bilinear interpolation.
 
         Raises:
@@ -79,40 +80,20 @@ class Captured:
         ):
             H = homography_from_corners(check_corners(corners, image.shape), width, height)
             frames.append(rectify(image, H, width, height))
-        return Rectified(frames[0], frames[1], self.layout, self.kappa, self.ratex_kappa)
-
-
-@dataclass(frozen=True)
-class Rectified:
-    """One captured frame pair resampled to the display's frame; what decoders take."""
-
-    original: Image
-    """An `Image`, as captured (no photometric change)."""
-    embedded: Image
-    """Embedded frame, of the shape of ``original``, as captured."""
-    layout: Layout
-    """Grid of blocks and ratex patches that the frames show."""
-    kappa: int | None = None
-    """Gray levels added where the bit is 1; None where the receiver does not know it."""
-    ratex_kappa: int | None = None
-    """Gray levels added in ratex tiles of label 1; None where it is ``kappa``, or unknown."""
-
-    @property
-    def ratex_toggle(self) -> int | None:
-        """Gray levels by which ratex tiles of label 1 toggle, where the receiver knows it."""
-        return self.kappa if self.ratex_kappa is None else self.ratex_kappa
+        return Observation.still(frames[0], frames[1], self.layout, self.kappa, self.ratex_kappa)
 
 
 @dataclass(frozen=True)
 class SoftBits:
-    """A score for each message bit of a frame pair; what a decoder returns."""
+    """A score for each message bit of an observation; what a decoder returns."""
 
     scores: NDArray[np.float64]
-    """(n_bits,) row-major over the message cells; positive means bit 1."""
+    """(P n_bits,) frame pair after frame pair, row-major over the message cells; positive means bit
+    1."""
     head: NDArray[np.float64] | None = None
-    """Weights that the method fitted to this frame pair, or None; their meaning is the method's."""
+    """Weights that the method fitted to the observation, or None; their meaning is the method's."""
 
     @property
     def bits(self) -> NDArray[np.intp]:
-        """(n_bits,) hard decisions, 0 or 1."""
+        """(P n_bits,) hard decisions, 0 or 1."""
         return (self.scores > 0).astype(np.intp)

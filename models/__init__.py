@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any, Literal, Protocol
 
 from link.errors import InputError, choose
-from link.frames import Rectified, SoftBits
+from link.frames import SoftBits
 from link.layout import Layout
+from link.observation import Observation
 from link.presets import PRESETS
 
 PRETRAINED = Path(__file__).parent / "pretrained" / "ratex"
@@ -39,6 +40,10 @@ class Card:
     tell it from the others."""
     marker: str = "o"
     """Marker in every chart, as matplotlib names it."""
+    frames: Literal["pair", "window", "both"] = "pair"
+    """What it takes: still frame pairs alone, windows of film alone, or both. Films reach those
+    that take frame pairs alone as pairs that are put together from their frames
+    (`models.pairwise`)."""
     equalised: bool = False
     """Whether a simulated display shows it equalised pictures without ratex patches."""
     llr: bool = False
@@ -57,7 +62,7 @@ class Card:
 DECODERS = {
     "naive": Card("models.paper.naive:Naive", "#8a8f98", "o", inverse_response="straight"),
     "two_step": Card("models.paper.two_step:TwoStep", "#3a9fd6", "s", inverse_response="fitted"),
-    "oorc": Card("models.paper.oorc:OORC", "#1166b0", "D", inverse_response="phi"),
+    "oorc": Card("models.paper.oorc:OORC", "#1166b0", "D", frames="both", inverse_response="phi"),
     "hidden_ratex": Card(
         "models.paper.hidden_ratex:HiddenRatex",
         "#b8589a",
@@ -66,7 +71,14 @@ DECODERS = {
         inverse_response="histogram",
     ),
     "blind": Card("models.blind.blind:Blind", "#0a9468", "v", equalised=True, llr=True),
-    "phi": Card("models.phi.methods:Phi", "#7b61c9", "o", inverse_response="phi", twin_of="oorc"),
+    "phi": Card(
+        "models.phi.methods:Phi",
+        "#7b61c9",
+        "o",
+        frames="both",
+        inverse_response="phi",
+        twin_of="oorc",
+    ),
     "learned": Card(
         "models.phi.methods:Learned",
         "#d4520a",
@@ -75,6 +87,8 @@ DECODERS = {
         checkpoint=shipped_checkpoint,
         inverse_response="phi",
     ),
+    "linear": Card("models.film.methods:LinearFilm", "#6b8e23", "P", frames="window", llr=True),
+    "film": Card("models.film.methods:Film", "#b8336a", "X", frames="window", llr=True),
 }
 """Cards of all decoders, by the name that ``evaluate.py --methods`` takes."""
 
@@ -135,13 +149,14 @@ def find_graph(name: str) -> Path:
 
 
 class BlockDecoder(Protocol):
-    """The one interface of all decoders: calibrate on a frame pair alone and score its blocks."""
+    """The one interface of all decoders: calibrate on an observation alone and score its blocks."""
 
-    def decode(self, pair: Rectified) -> SoftBits:
-        """Score every message block of a frame pair; a positive score means bit 1.
+    def decode(self, observation: Observation) -> SoftBits:
+        """Score the message blocks of all frame pairs of an observation; positive means bit 1.
 
         Raises:
-            UnsuitedError: the frame pair lacks what the decoder needs, such as ratex patches.
+            UnsuitedError: the observation lacks what the decoder needs, such as ratex patches, or
+                is a film and the decoder reads frame pairs.
         """
         ...
 

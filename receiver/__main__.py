@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from export.film_graph import FilmScorer
 from link.cli import add_pixel_limit, read_flags, run_cli
 from link.code.authenticate import Verifier, read_key
 from link.errors import InputError, ParameterError, at_least
@@ -22,7 +21,7 @@ from link.images import make_folder, read_image, write_bytes, write_image
 from link.outside import is_no_file
 from link.presets import preset_name
 from models import find_graph
-from receiver.decoders import PairDecoder, open_decoders
+from receiver.decoders import PairDecoder, WindowDecoder, open_decoders
 from receiver.events import Event, PlacedEvent
 from receiver.receiver import Receiver
 from receiver.show import draw_decoded_pair
@@ -122,7 +121,7 @@ def read_two_images(
 
 def read_stream(
     decoders: Sequence[PairDecoder],
-    film: FilmScorer | None,
+    film: WindowDecoder | None,
     args: argparse.Namespace,
     verifier: Verifier | None,
 ) -> None:

@@ -5,12 +5,13 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Generic, Protocol, TypeVar
 
-from export.film_graph import FilmGraph, FilmScorer, FilmWindow
+from export.film_graph import FilmGraph
 from export.runtime import OWN_TIME_LIMIT_S, Decoder, check_threads, read_model
 from link.errors import InputError
 from link.frames import SoftBits
 from link.layout import Layout
-from link.types import Array, Image
+from link.observation import Observation
+from link.types import Image
 from models import FILM_GRAPH, shipped_graphs
 
 T = TypeVar("T")
@@ -48,6 +49,18 @@ class PairDecoder(Protocol):
 
     def decode(self, original: Image, embedded: Image, /) -> SoftBits:
         """Score the message bits of two rectified frames, an `Image` each."""
+        ...
+
+
+class WindowDecoder(Protocol):
+    """What a receiver asks of a decoder of windows of film."""
+
+    def prepare(self) -> None:
+        """Get ready: windows will soon come."""
+        ...
+
+    def decode(self, observation: Observation) -> SoftBits:
+        """Score the message bits of all frame pairs of a window."""
         ...
 
 
@@ -112,14 +125,14 @@ class ShippedFilm:
         """Begin to load the graph, beside what else is done."""
         self._loading.begin()
 
-    def score(self, window: FilmWindow) -> Array:
-        """Give (count, rows, cols) natural log-likelihood ratios of the blocks' bits."""
-        return self._loading.begin().result().score(window)
+    def decode(self, observation: Observation) -> SoftBits:
+        """Score the message bits of all frame pairs of a window, in log-likelihood ratios."""
+        return self._loading.begin().result().decode(observation)
 
 
 def open_decoders(
     models: Sequence[Path] | None, threads: int
-) -> tuple[list[PairDecoder], FilmScorer | None]:
+) -> tuple[list[PairDecoder], WindowDecoder | None]:
     """Open the models of --model; where there are none, those that ship, each when it is needed.
 
     Returns:

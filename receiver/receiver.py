@@ -12,14 +12,13 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from export.film_graph import FilmScorer
 from link.code.collect import Message
 from link.errors import InputError
 from link.frames import Captured
 from link.layout import Layout
 from link.presets import preset_name
 from link.types import Corners, Image
-from receiver.decoders import PairDecoder
+from receiver.decoders import PairDecoder, WindowDecoder
 from receiver.diagnosis import Observations
 from receiver.reading.reader import DecodedPair, DisplayReader
 from receiver.reading.states import MESH, DisplayState
@@ -80,7 +79,7 @@ class Receiver:
         self,
         decoders: PairDecoder | Sequence[PairDecoder],
         fps: float = 30.0,
-        film: FilmScorer | None = None,
+        film: WindowDecoder | None = None,
     ) -> None:
         chosen = list(decoders) if isinstance(decoders, Sequence) else [decoders]
         layouts = [decoder.layout for decoder in chosen]

@@ -6,10 +6,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from export.film_graph import FilmScorer
 from link.code.authenticate import Verifier
 from link.presets import preset_name
-from receiver.decoders import PairDecoder
+from receiver.decoders import PairDecoder, WindowDecoder
 from receiver.diagnosis import explain_silence
 from receiver.events import ClockEvent, DisplayEvent, EndEvent, FilmEvent, PairEvent
 from receiver.inbox import Inbox
@@ -40,7 +39,7 @@ class EventStream:
         fps: float,
         verifier: Verifier | None = None,
         scores: bool = False,
-        film: FilmScorer | None = None,
+        film: WindowDecoder | None = None,
     ) -> None:
         self.receiver = Receiver(decoders, fps, film)
         """Reads the frames."""

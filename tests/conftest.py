@@ -21,8 +21,9 @@ if TYPE_CHECKING:  # imported where they are used: the process that starts the w
     from port import Port
 
     from export.runtime import Decoder
-    from link.frames import Captured, Rectified
+    from link.frames import Captured
     from link.layout import Layout
+    from link.observation import Observation
 
 ROOT = Path(__file__).parents[1]
 """Folder of the repository."""
@@ -109,7 +110,7 @@ def captured(layout: "Layout") -> "Captured":
 
 
 @pytest.fixture(scope="session")
-def rectified(captured: "Captured") -> "Rectified":
+def rectified(captured: "Captured") -> "Observation":
     return captured.rectified()
 
 

@@ -17,19 +17,21 @@ import pandas as pd
 
 from data_gen.film.codec import through_codec
 from data_gen.pairs import pair_names
-from export.film_graph import FilmGraph, FilmScorer
+from export.film_graph import FilmGraph
 from export.runtime import OWN_TIME_LIMIT_S, Decoder
-from lab.films.baselines import FilmBaseline
 from lab.films.rates import RatesFlags, check_rates
 from lab.films.trial import FilmReading, Take, film_message
 from lab.study import Results, Study, Workshop
 from link.errors import at_least
-from link.frames import Rectified, SoftBits
+from link.frames import SoftBits
 from link.images import as_rgb
 from link.layout import Layout
+from link.observation import Observation
 from link.types import Image
-from models import FILM_GRAPH
+from models import FILM_GRAPH, BlockDecoder
+from models.film.methods import LinearFilm
 from models.paper.oorc import OORC
+from receiver.decoders import WindowDecoder
 from reports.engine.backends import one_thread
 from reports.render.tables import Table, number, percent
 from reports.score.reliability import (
@@ -39,11 +41,22 @@ from reports.score.reliability import (
     merge_bins,
 )
 
-METHODS: dict[str, tuple[bool, Callable[[], FilmScorer] | None]] = {
+
+class Ready:
+    """A decoder of the suite as a receiver asks for it, with nothing to load."""
+
+    def __init__(self, decoder: BlockDecoder) -> None:
+        self.decode = decoder.decode
+
+    def prepare(self) -> None:
+        """Do nothing: the decoder is there."""
+
+
+METHODS: dict[str, tuple[bool, Callable[[], WindowDecoder] | None]] = {
     "oorc, pairs": (False, None),
     "learned, pairs": (True, None),
-    "oorc, film": (False, FilmBaseline),
-    "linear, film": (False, partial(FilmBaseline, degree=1, smooth=True)),
+    "oorc, film": (False, partial(Ready, OORC())),
+    "linear, film": (False, partial(Ready, LinearFilm())),
     "learned, film": (True, partial(FilmGraph, FILM_GRAPH, 1)),
 }
 """How films are read, by name: whether frame pairs are decoded by the graph that ships, or else by
@@ -122,7 +135,7 @@ class ReferenceDecoder:
 
     def decode(self, original: Image, embedded: Image, /) -> SoftBits:
         """Score the message bits of two rectified frames."""
-        return OORC().decode(Rectified(as_rgb(original), as_rgb(embedded), self.layout))
+        return OORC().decode(Observation.still(as_rgb(original), as_rgb(embedded), self.layout))
 
 
 def read_methods(item: Comparison) -> list[dict[str, Any]]:

@@ -23,7 +23,6 @@ from data_gen.film.scenes import SceneSettings
 from data_gen.film.stream import VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
 from data_gen.pairs import get_pair, pair_names
-from export.film_graph import FilmScorer
 from link.code.framing import encode, frames_needed
 from link.embed import check_kappa
 from link.errors import ParameterError, at_least, choose, each_once
@@ -31,7 +30,7 @@ from link.layout import Layout
 from link.loop import Loop, LoopStates
 from link.presets import PRESETS
 from models import shipped_graphs
-from receiver.decoders import PairDecoder
+from receiver.decoders import PairDecoder, WindowDecoder
 from receiver.receiver import Receiver, ReceiverStep
 
 MAX_LOOPS = 100.0
@@ -236,7 +235,7 @@ class FilmReading:
         self,
         filmed: MessageFilm,
         decoder: PairDecoder,
-        film: FilmScorer | None = None,
+        film: WindowDecoder | None = None,
     ) -> None:
         self._filmed = filmed
         self._receiver = Receiver(decoder, filmed.take.settings.fps, film)

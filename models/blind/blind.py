@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from link.frames import Rectified, SoftBits
+from link.frames import SoftBits
+from link.observation import Observation
 from link.types import Array
 from models.blind.tones import Tones, cut_into_tones
 
@@ -214,7 +215,7 @@ def starts(tones: Tones) -> Iterator[tuple[Array, Array]]:
 class Blind:
     """Decode without ratex patches, kappa, the picture, or the balance of the bits."""
 
-    def decode(self, pair: Rectified) -> SoftBits:
+    def decode(self, pair: Observation) -> SoftBits:
         """Score every message block of a frame pair, in natural log odds."""
         tones = cut_into_tones(pair)
         ends = [fit(tones, p, keep) for p, keep in starts(tones)]

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.frames import Rectified
 from link.images import intensity
 from link.layout import block_grid
+from link.observation import Observation
 from link.types import Array
 from models.blind.register import align_frames
 
@@ -48,7 +48,7 @@ class Tones:
     """(blocks,) row of the grid in which each block lies."""
 
 
-def cut_into_tones(pair: Rectified) -> Tones:
+def cut_into_tones(pair: Observation) -> Tones:
     """Register the frames and average over the tones of each message block.
 
     Args:

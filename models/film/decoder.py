@@ -26,17 +26,23 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import conv2d, pad
 
-from link.strength import AROUND_BLOCKS, UNCERTAINTY_BLOCKS
+from link.strength import (
+    AROUND_BLOCKS,
+    MASKING_EXPONENT,
+    MASKING_SCALE,
+    MASKING_WEIGHT,
+    SIGNAL_EXPONENT,
+    STILL_SENSITIVITY,
+    UNCERTAINTY_BLOCKS,
+)
 from models.film.patterns import find_patterns
+from models.onnx_ops import inverse_of_one
 from models.phi.decoder import bin_mean
-from models.phi.refine import GRAY_LEVELS, logs, typical_response, with_surprises
+from models.phi.phi import PhiPolynomial
+from models.phi.refine import GRAY_LEVELS, MOMENTS, logs, typical_response, with_surprises
 from models.phi.refine_pilots import LEAST_RESPONSE
 from models.phi.register import derivatives
-from models.phi.solver import inverse_of_one
 
-SLOTS = 3
-"""Largest number of frame pairs that one exposure mixes: two states of the slowest camera that
-reads anything, and as much again for rows that are exposed and written one after the other."""
 ROUNDS = 3
 """Number of rounds after the first, in which the pilots alone are known."""
 FIRST_BAND, BANDS = 3, 6
@@ -75,28 +81,42 @@ class ReferenceBlocks:
 
 
 @dataclass(frozen=True)
-class Mixture:
-    """Which frame pairs each exposure mixes, and in which shares."""
+class Shares:
+    """Which frame pairs each exposure mixes, and in which shares (`link.observation.Mixture`)."""
 
     shares: Tensor
-    """(T, SLOTS, B) half the difference of the shares of a pair's two states, in [-1/2, 1/2]."""
+    """(T, S, B) half the difference of the shares of a pair's two states, in [-1/2, 1/2]; 0 where a
+    frame does not show a block."""
     of_pair: Tensor
-    """(P, T SLOTS) 1 where a slot of a frame belongs to a pair, else 0."""
+    """(P, T S) 1 where a slot of a frame belongs to a pair, else 0."""
     pair: Tensor
-    """(T SLOTS,) place among the pairs of the pair that each slot belongs to; 0 where none does,
-    and its shares are 0."""
+    """(T S,) place among the pairs of the pair that each slot belongs to; 0 where none does, and
+    its shares are 0."""
 
     def sums(self, values: Tensor) -> Tensor:
-        """Add up what the slots of each pair hold: (T, SLOTS, B) to (P, B)."""
+        """Add up what the slots of each pair hold: (T, S, B) to (P, B)."""
         return self.of_pair @ values.flatten(0, 1)
 
     def of_slots(self, values: Tensor) -> Tensor:
-        """Give each slot what its pair holds: (P, B) to (T, SLOTS, B)."""
+        """Give each slot what its pair holds: (P, B) to (T, S, B)."""
         return values.index_select(0, self.pair).reshape(self.shares.shape)
 
     def mixed(self, values: Tensor) -> Tensor:
         """Mix what pairs hold as the exposures do: (P, B) to (T, B)."""
         return (self.shares * self.of_slots(values)).sum(1)
+
+
+def shares_seen(shares: Tensor, pair: Tensor, pairs: Tensor, seen: Tensor) -> Shares:
+    """Arrange a `link.observation.Mixture` for sums over pairs.
+
+    Args:
+        shares: (T, S, rows, cols) as there.
+        pair: (T, S) int64 as there.
+        pairs: (P,) int64, 0 to P - 1.
+        seen: (T, B) 1 where a frame shows a block, else 0.
+    """
+    of_pair = (pair.reshape(1, -1) == pairs.unsqueeze(1)).float()
+    return Shares(shares.flatten(2) * seen.unsqueeze(1), of_pair, pair.clamp_min(0).flatten())
 
 
 class FilmDecoder(nn.Module):
@@ -108,15 +128,17 @@ class FilmDecoder(nn.Module):
     >>> decoder = FilmDecoder()
     >>> known = torch.zeros(16, 16)
     >>> known[::2, ::2], known[1::4, 1::4] = 1, -1
-    >>> clock = torch.tensor([0.02, 0.0, 0.0, 0.0, 0.01], dtype=torch.float64)
-    >>> times = torch.arange(8, dtype=torch.float64) / 100
-    >>> frames, seen = torch.full((8, 1, 96, 128), 99.0), torch.ones(8, 16, 16)
-    >>> decoder(frames, seen, known, times, clock, torch.arange(2), torch.ones(2)).shape
+    >>> frames, seen = torch.full((4, 1, 96, 128), 99.0), torch.ones(4, 16, 16)
+    >>> shares = torch.tensor([-0.5, 0.5, -0.5, 0.5]).reshape(4, 1, 1, 1).expand(4, 1, 16, 16)
+    >>> pair, pairs = torch.tensor([[0], [0], [1], [1]]), torch.arange(2)
+    >>> decoder(frames, seen, known, shares, pair, pairs).shape
     torch.Size([2, 16, 16])
     """
 
     def __init__(self) -> None:
         super().__init__()
+        # how each frame differs from the reference, and the tone of the reference's blocks
+        self.phi = PhiPolynomial(degree=1, moments=MOMENTS)
         self.response = typical_response()
         # log standard deviations of the coefficients, in gray levels or relative
         self.amplitude = logs(1.5)
@@ -130,7 +152,7 @@ class FilmDecoder(nn.Module):
         # how the log variance of blocks follows P_1 and P_2 of the intensity and the gradient
         self.noise = nn.Parameter(torch.tensor([0.0, 0.0, 0.3]))
         # how the eye's masking of flicker follows contrast (`link.strength.masking`)
-        self.masking = logs(0.262, 16.0)
+        self.masking = logs(MASKING_WEIGHT, MASKING_SCALE * STILL_SENSITIVITY)
         # frames, and blocks, for which what was learned of the noise counts; degrees of freedom
         self.block_trust, self.frame_trust, self.tails = logs(16.0), logs(100.0), logs(6.0)
         # relative standard deviation of the signal from block to block
@@ -141,10 +163,9 @@ class FilmDecoder(nn.Module):
         frames: Tensor,
         seen: Tensor,
         known: Tensor,
-        times: Tensor,
-        clock: Tensor,
+        shares: Tensor,
+        pair: Tensor,
         pairs: Tensor,
-        order: Tensor,
     ) -> Tensor:
         """Decode the frame pairs that a window of frames shows.
 
@@ -152,22 +173,19 @@ class FilmDecoder(nn.Module):
             frames: (T, 1, h, w) float32 gray levels in [0, 255] of the rectified display.
             seen: (T, rows, cols) float32, 1 where a frame shows a block, else 0.
             known: (rows, cols) float32, -1 or 1 where a block is a pilot, else 0.
-            times: (T,) float64 time of each frame, seconds.
-            clock: (5,) float64 period, start, both delays and shutter, seconds, as in
-                `link.clock.DisplayClock`.
-            pairs: (P,) int64 successive numbers of the frame pairs, with those at the ends that
-                are seen in part.
-            order: (P,) float32, 1 where a pair's original frame is shown first, else -1.
+            shares: (T, S, rows, cols) float32 shares of what each exposure mixes, as in
+                `link.observation.Mixture`.
+            pair: (T, S) int64, to which pair each of these belongs; -1 for none.
+            pairs: (P,) int64, the numbers 0 to P - 1 of the pairs.
 
         Returns:
             (P, rows, cols) float32 natural log-likelihood ratios, positive for bit 1.
         """
         rows, cols = known.shape
         known = known.reshape(1, -1)
-        reference = frames.mean(0, keepdim=True) / GRAY_LEVELS
-        picture, changes = self.look(frames, reference, rows, cols)
+        picture, changes = self.look(frames / GRAY_LEVELS, rows, cols)
         seen = seen.flatten(1)
-        mixture = mix(picture.x, picture.y, seen, times, clock, pairs, order)
+        mixture = shares_seen(shares, pair, pairs, seen)
         state = Estimates(
             x=known.expand(pairs.shape[0], -1),
             amplitude=torch.zeros_like(known),
@@ -189,20 +207,19 @@ class FilmDecoder(nn.Module):
         llr = with_surprises(llr, self.surprise)
         return llr.float().reshape(pairs.shape[0], rows, cols)
 
-    def look(
-        self, frames: Tensor, reference: Tensor, rows: int, cols: int
-    ) -> tuple[ReferenceBlocks, Tensor]:
+    def look(self, frames: Tensor, rows: int, cols: int) -> tuple[ReferenceBlocks, Tensor]:
         """Describe the blocks of the reference, and how each frame's blocks differ from it.
 
         Args:
-            frames: (T, 1, h, w) gray levels.
-            reference: (1, 1, h, w) intensity in [0, 1].
+            frames: (T, 1, h, w) intensities in [0, 1].
             rows: number of rows of blocks.
             cols: number of columns of blocks.
 
         Returns:
-            the blocks, and (T, B) changes of their weighted means, in gray levels.
+            the blocks of the reference, which is the frames' mean, and (T, B) changes of their
+            weighted means, in gray levels.
         """
+        reference = frames.mean(0, keepdim=True)  # (1, 1, h, w)
         height, width = reference.shape[-2:]
         down = bin_mean(height, rows, torch.arange(rows), 0.0, reference)
         along = bin_mean(width, cols, torch.arange(cols), 0.0, reference).T
@@ -210,14 +227,12 @@ class FilmDecoder(nn.Module):
         steepness = GRAY_LEVELS**2 * (gx * gx + gy * gy)
         limit = (2 * self.texture).exp()
         weights = limit / (limit + steepness)
-        i = 2 * reference - 1
-        square = i * i
-        P = [torch.ones_like(i), i, (3 * square - 1) / 2, (5 * square - 3) * i / 2]
-        P.append(((35 * square - 30) * square + 3) / 8)
+        change, *moments = self.phi(reference, frames)  # (T, 1, h, w), and MOMENTS of (1, 1, h, w)
         total = down @ weights @ along
-        maps = torch.cat([*P, gx, gy, xx + yy, steepness], dim=1)
-        means = (down @ (maps * weights) @ along / total)[0].flatten(1)  # (9, B)
-        changes = down @ ((frames - GRAY_LEVELS * reference) * weights) @ along / total
+        maps = torch.cat([torch.ones_like(reference), *moments, gx, gy, xx + yy, steepness], dim=1)
+        means = (down @ (maps * weights) @ along / total)[0].flatten(1)  # (MOMENTS + 5, B)
+        # P_1 is 2 i - 1, and the change counts from the frame to the reference
+        changes = -GRAY_LEVELS / 2 * (down @ (change * weights) @ along / total)
         x, y = block_places(rows, cols)
         light = (means[1] / 2 + 0.5).clamp_min(0.002) ** DISPLAY_GAMMA
         mask = self._masking(light.reshape(1, 1, rows, cols)).reshape(1, -1)
@@ -250,7 +265,8 @@ class FilmDecoder(nn.Module):
         around = blur(light, AROUND_BLOCKS)
         contrast = blur((light - around).abs() / (around + BLACK_LIGHT), UNCERTAINTY_BLOCKS)
         weight, scale = self.masking.exp()
-        masked: Tensor = (1 + weight * (scale * contrast + 1e-6) ** 1.3) ** 0.44 - 1
+        above = 1 + weight * (scale * contrast + 1e-6) ** MASKING_EXPONENT
+        masked: Tensor = above ** (1 / SIGNAL_EXPONENT) - 1
         return masked
 
     def _nuisances(self, P: Tensor, slopes: Tensor, x: Tensor, y: Tensor) -> Tensor:
@@ -307,7 +323,7 @@ class FilmDecoder(nn.Module):
         left: Tensor,
         seen: Tensor,
         picture: ReferenceBlocks,
-        mixture: Mixture,
+        mixture: Shares,
         state: "Estimates",
     ) -> None:
         """Estimate the variance of each block over time, and of each frame over its blocks."""
@@ -330,7 +346,7 @@ class FilmDecoder(nn.Module):
         seen: Tensor,
         known: Tensor,
         picture: ReferenceBlocks,
-        mixture: Mixture,
+        mixture: Shares,
         state: "Estimates",
         number: int,
     ) -> Tensor:
@@ -385,7 +401,7 @@ class FilmDecoder(nn.Module):
         covariance = inverse_of_one(((S * among) @ S.T).double().add(prior))
         return ((covariance @ (S @ across.unsqueeze(1))).T @ S).clamp_min(LEAST_AMPLITUDE)
 
-    def _expect(self, mixture: Mixture, state: "Estimates", rows: int, cols: int) -> None:
+    def _expect(self, mixture: Shares, state: "Estimates", rows: int, cols: int) -> None:
         """Work out what the bits explain of each block, light of neighbouring blocks included."""
         signal = mixture.mixed(state.x) * state.amplitude
         grid = signal.reshape(signal.shape[0], 1, rows, cols)
@@ -451,48 +467,6 @@ def block_places(rows: int, cols: int) -> tuple[Tensor, Tensor]:
         for count, shape in ((rows, (-1, 1)), (cols, (1, -1)))
     )
     return x.reshape(1, -1), y.reshape(1, -1)
-
-
-def mix(
-    x: Tensor,
-    y: Tensor,
-    seen: Tensor,
-    times: Tensor,
-    clock: Tensor,
-    pairs: Tensor,
-    order: Tensor,
-) -> Mixture:
-    """Work out which pairs each frame mixes at each block.
-
-    Args:
-        x: (1, B) places of the blocks, as `block_places` gives them.
-        y: (1, B) the same from top to bottom.
-        seen: (T, B) 1 where a frame shows a block, else 0.
-        times: (T,) seconds.
-        clock: (5,) as `FilmDecoder.forward` takes it.
-        pairs: (P,) successive numbers of the frame pairs.
-        order: (P,) 1 where a pair's original frame is shown first, else -1.
-    """
-    period, start, delay_x, delay_y, shutter = clock
-    delays = (delay_x * (x + 1) + delay_y * (y + 1)) / 2
-    begins = (times.unsqueeze(1) + delays - start) / period  # (T, B) states, float64
-    first = (begins.amin(1, keepdim=True) / 2).floor()  # (T, 1)
-    length = (shutter / period).float()
-    slots = torch.arange(SLOTS)
-    since = (begins - 2 * first).float().unsqueeze(1) - 2 * slots.reshape(1, -1, 1)
-    shares = (_share(since - 1, length) - _share(since, length)) / 2
-    numbers = first + slots  # (T, SLOTS)
-    of_pair = (numbers.reshape(1, -1) == pairs.unsqueeze(1)).float()
-    among = ((numbers >= pairs[:1]) & (numbers <= pairs[-1:])).float()
-    place = (numbers - pairs[:1]).clamp_min(0).minimum(pairs[-1:] - pairs[:1]).long()
-    way = (among * order[place]).unsqueeze(2)  # (T, SLOTS, 1)
-    return Mixture(shares * (seen.unsqueeze(1) * way), of_pair, place.flatten())
-
-
-def _share(since: Tensor, length: Tensor) -> Tensor:
-    """Give the share of a state in exposures that begin ``since`` states after it, of a length."""
-    inside = (since + length).clamp_max(1) - since.clamp_min(0)
-    return inside.clamp_min(0) / length
 
 
 def clip(values: Tensor, limit: Tensor) -> Tensor:

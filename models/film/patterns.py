@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from models.phi.solver import inverse_of_one
+from models.onnx_ops import inverse_of_one
 
 COUNT = 6
 """Number of patterns."""

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from sklearn.svm import LinearSVC
 
 from link.errors import UnsuitedError
-from link.frames import Rectified, SoftBits
+from link.frames import SoftBits
 from link.images import intensity
 from link.layout import block_mean
+from link.observation import Observation
 from link.ratex import SAMPLES, TrainingPixels, training_pixels
 from link.types import Real
 
@@ -27,7 +28,7 @@ def tile_mean(samples: Real) -> Real:
     return np.asarray(samples.reshape(-1, SAMPLES * SAMPLES, *samples.shape[1:]).mean(axis=1))
 
 
-def require_ratex(pair: Rectified) -> TrainingPixels:
+def require_ratex(pair: Observation) -> TrainingPixels:
     """Return the training pixels of a frame pair.
 
     Raises:
@@ -38,7 +39,7 @@ def require_ratex(pair: Rectified) -> TrainingPixels:
     return training_pixels(pair.layout, pair.ratex_toggle or 0)
 
 
-def training_samples(pair: Rectified, maps: Real) -> tuple[Real, NDArray[np.intp]]:
+def training_samples(pair: Observation, maps: Real) -> tuple[Real, NDArray[np.intp]]:
     """Take the samples with known labels from feature maps: ratex tiles, or else pilots.
 
     A sample is the mean over the inner half of a tile, or over a pilot. A mean over 36 pixels has a
@@ -90,7 +91,7 @@ def fit_svm(features: Real, labels: NDArray[np.intp], C: float) -> LinearHead:
     return LinearHead(svm.coef_[0] / scale, float(svm.intercept_[0]))
 
 
-def decode_with_threshold(pair: Rectified, difference: Real, threshold: float) -> SoftBits:
+def decode_with_threshold(pair: Observation, difference: Real, threshold: float) -> SoftBits:
     """Score every message block by its difference above a threshold that was fixed beforehand.
 
     Args:
@@ -103,7 +104,7 @@ def decode_with_threshold(pair: Rectified, difference: Real, threshold: float) -
     return SoftBits(np.asarray(blocks[layout.message_mask], np.float64))
 
 
-def decode_with_svm(pair: Rectified, features: Features, C: float) -> SoftBits:
+def decode_with_svm(pair: Observation, features: Features, C: float) -> SoftBits:
     """Train an SVM on the ratex pixels or pilots of a frame pair and score its message blocks.
 
     Args:

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from link.embed import BOTTOM, TOP
 from link.errors import UnsuitedError, choose
-from link.frames import Rectified, SoftBits
+from link.frames import SoftBits
 from link.images import INTENSITIES
 from link.images.equalise import uniform_mapping
 from link.layout import block_mean
+from link.observation import Observation
 
 
 def cluster_threshold(differences: NDArray[np.float64], shrinkage: float) -> float:
@@ -66,7 +67,7 @@ class HiddenRatex:
     """Number of pseudo-observations that pull the variance of each class to the common one. 0 is as
     good (docs/tuning.md at the tag results-2026-11), but then two equal blocks make a class."""
 
-    def decode(self, pair: Rectified) -> SoftBits:
+    def decode(self, pair: Observation) -> SoftBits:
         """Score every message block of a frame pair, in equalised gray levels above the threshold.
 
         Raises:

@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass
 
-from link.frames import Rectified, SoftBits
+from link.frames import SoftBits
 from link.images import intensity
+from link.observation import Observation
 from link.types import Real
 from models.paper.common import decode_with_svm, decode_with_threshold
 
@@ -23,7 +24,7 @@ class Naive:
     """Fixed threshold in captured gray levels; None learns one on each pair's ratex patches or
     pilots."""
 
-    def decode(self, pair: Rectified) -> SoftBits:
+    def decode(self, pair: Observation) -> SoftBits:
         """Score every message block of a frame pair.
 
         Raises:

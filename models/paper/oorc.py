@@ -13,9 +13,12 @@ import numpy as np
 from numpy.polynomial import Legendre
 from numpy.typing import NDArray
 
-from link.frames import Rectified, SoftBits
+from link.frames import SoftBits
+from link.observation import Observation
 from link.types import Real
+from models.film.window import gray_frames
 from models.paper.common import decode_with_svm
+from models.paper.window import block_features, decode_window, smooth_terms
 
 
 def legendre(i: Real, degree: int) -> Real:
@@ -78,7 +81,7 @@ class OORC:
     >>> picture = np.full((layout.height, layout.width, 3), 128, np.uint8)
     >>> bits = np.arange(layout.n_bits) % 2
     >>> shown = embed(picture, bits, layout, kappa=5)
-    >>> pair = Rectified(shown.original, shown.embedded, layout, kappa=5)
+    >>> pair = Observation.still(shown.original, shown.embedded, layout, kappa=5)
     >>> bool((OORC().decode(pair).bits == bits).all())
     True
     """
@@ -88,14 +91,27 @@ class OORC:
     C: float = 1.0
     """Weight of the SVM's squared hinge loss."""
 
-    def decode(self, pair: Rectified) -> SoftBits:
-        """Score every message block of a frame pair.
+    def decode(self, observation: Observation) -> SoftBits:
+        """Score every message block of a frame pair, or of all pairs of a window of film.
 
         Raises:
-            UnsuitedError: the layout has neither ratex patches nor pilots.
+            UnsuitedError: the layout has neither ratex patches nor pilots; or it is a film, and the
+                layout has no pilots.
         """
+        if not observation.is_pair:
+            return self._decode_window(observation)
 
         def phi(i_o: Real, i_e: Real) -> Real:
             return explicit_map(i_o, i_e, self.degree)
 
-        return decode_with_svm(pair, phi, self.C)
+        return decode_with_svm(observation, phi, self.C)
+
+    def _decode_window(self, observation: Observation) -> SoftBits:
+        """Fit one head to all frames, against their mean (`models.paper.window`)."""
+        rows, cols = observation.layout.rows, observation.layout.cols
+        frames = gray_frames(observation) / np.float32(255)  # (T, h, w)
+        reference = frames.mean(0)
+        maps = np.stack([explicit_map(reference, frame, self.degree) for frame in frames])
+        features = block_features(np.moveaxis(maps, -1, 1), rows, cols)
+        mean_alone = smooth_terms(np.zeros((rows, cols)))[:1]
+        return decode_window(observation, features, mean_alone, own=False)

@@ -9,14 +9,15 @@ import numpy as np
 from numpy.polynomial import Legendre
 
 from link.errors import UnsuitedError
-from link.frames import Rectified, SoftBits
+from link.frames import SoftBits
 from link.images import intensity
+from link.observation import Observation
 from link.ratex import TrainingPixels
 from link.types import Real
 from models.paper.common import decode_with_svm, decode_with_threshold, require_ratex
 
 
-def fit_inverse_response(pair: Rectified, pixels: TrainingPixels, degree: int) -> Legendre:
+def fit_inverse_response(pair: Observation, pixels: TrainingPixels, degree: int) -> Legendre:
     """Fit the inverse response g by least squares, with g(i) = rho on the ratex pixels.
 
     Args:
@@ -50,7 +51,7 @@ class TwoStep:
     threshold: float | None = None
     """Fixed threshold in displayed gray levels; None learns one on each pair's ratex patches."""
 
-    def decode(self, pair: Rectified) -> SoftBits:
+    def decode(self, pair: Observation) -> SoftBits:
         """Score every message block of a frame pair.
 
         Raises:

@@ -11,12 +11,13 @@ from torch import Tensor, nn
 from link.errors import UnsuitedError
 from link.layout import Layout
 from link.ratex import SAMPLES, TILES, sample_grid, sample_position, tile_labels
+from models.onnx_ops import table
 from models.paper.oorc import inverse_response
 from models.phi.config import CHANNELS, DecoderConfig
-from models.phi.phi import PhiPolynomial, legendre_from_powers, legendre_maps, power_maps
+from models.phi.phi import PhiPolynomial
 from models.phi.reduce import Reduce
-from models.phi.refine import MOMENTS, table
-from models.phi.refine_pilots import TEXTURES, PilotRefiner
+from models.phi.refine import MOMENTS, TEXTURES
+from models.phi.refine_pilots import PilotRefiner
 from models.phi.refine_ratex import RatexRefiner
 from models.phi.register import channel_mean, derivatives, register
 from models.phi.solver import fit_head
@@ -59,7 +60,10 @@ class PhiDecoder(nn.Module):
         if not layout.ratex and not layout.pilots:
             raise UnsuitedError("it trains on ratex patches or pilots and the layout has none")
         self.layout, self.config = layout, config
-        self.phi = PhiPolynomial(config.degree, config.drift_degree)
+        # of higher powers than these, float32 keeps too few digits
+        by_powers = config.refine > 0 and config.degree <= MOMENTS
+        moments = MOMENTS if config.refine else 0
+        self.phi = PhiPolynomial(config.degree, config.drift_degree, moments, by_powers)
         n_weights = self.phi.n_features + 1
         self.log_ridge = nn.Parameter(torch.zeros(n_weights))
         self.prior = nn.Parameter(torch.zeros(n_weights))
@@ -77,16 +81,13 @@ class PhiDecoder(nn.Module):
         self.guide: Reduce | None = None
         if config.register and layout.colour != "gray":
             self.guide = Reduce(CHANNELS["gray"][config.channels], config.coarsen)
-        # of higher powers than these, float32 keeps too few digits
-        self.by_powers = self.refiner is not None and config.degree <= MOMENTS
+        self.textured = self.refiner is not None and self.refiner.needs_texture
         self._tabulate_samples()
-        self._tabulate_polynomials(config.degree if self.by_powers else MOMENTS)
 
     def _tabulate_samples(self) -> None:
         """Tabulate where training samples and message blocks lie, and the labels of the former."""
         layout = self.layout
         grid = sample_grid(layout)
-        # whole numbers in float64, which onnxruntime divides and rounds down quickest
         self.tile = table(np.stack([grid.tile_y, grid.tile_x]).astype(np.float64))
         self.step = table(np.stack([grid.step_y, grid.step_x]).astype(np.float64))
         rows, row = np.unique(grid.tile_y[:: SAMPLES * SAMPLES], return_inverse=True)
@@ -99,15 +100,6 @@ class PhiDecoder(nn.Module):
         known = tile_labels(layout).reshape(-1) if layout.ratex else layout.pilot_bits
         repeats = SAMPLES * SAMPLES if layout.ratex and self.config.train_on == "pixel" else 1
         self.labels = table(np.repeat(2.0 * known - 1, repeats))
-
-    def _tabulate_polynomials(self, degree: int) -> None:
-        """Tabulate how ``degree`` changes of powers, then `MOMENTS` powers, become polynomials."""
-        factors, constants = legendre_from_powers(MOMENTS)
-        both = np.zeros((degree + MOMENTS, degree + MOMENTS))
-        both[:degree, :degree] = factors[:degree, :degree]  # of the changes, then of the moments
-        both[degree:, degree:] = factors
-        self.factors = table(both)
-        self.constants = table(np.append(np.zeros(degree), constants)[:, None])
 
     def forward(self, original: Tensor, embedded: Tensor) -> tuple[Tensor, Tensor]:
         """Decode a batch of rectified frame pairs.
@@ -155,33 +147,22 @@ class PhiDecoder(nn.Module):
             weights: (B, 1, h, w) float32 weight of each pixel in its block's mean.
         """
         i_o, i_e = self.reduce(original), self.reduce(embedded)  # (B, C, h, w) each
-        on_pilots = isinstance(self.refiner, PilotRefiner)
-        if self.config.register or self.config.texture or on_pilots:
+        if self.config.register or self.config.texture or self.textured:
             dx, dy, xx, yy = derivatives(i_o)
         if self.config.register:
             guide = (self.guide(original), self.guide(embedded)) if self.guide else None
             i_e = register(i_o, i_e, xx, yy, guide)
-        parts = [channel_mean(each) for each in self._tones(i_o, i_e)]  # (B, 1, h, w) each
+        parts = [channel_mean(each) for each in self.phi(i_o, i_e)]  # (B, 1, h, w) each
         weights = torch.ones_like(parts[0])
-        if self.config.texture or on_pilots:
+        if self.config.texture or self.textured:
             dx, dy = channel_mean(dx), channel_mean(dy)
             steepness = dx * dx + dy * dy
         if self.config.texture:
             limit = (self.config.coarsen * self.config.texture) ** 2
             weights = limit / (limit + steepness)
-        if on_pilots:
+        if self.textured:
             parts += [dx, dy, channel_mean(xx + yy), steepness]
         return torch.cat(parts, dim=1), weights
-
-    def _tones(self, i_o: Tensor, i_e: Tensor) -> list[Tensor]:
-        """Compute the features that intensities alone make, each (B, C, h, w) as these are."""
-        if self.by_powers:
-            p_o, p_e = power_maps(i_o, MOMENTS), power_maps(i_e, self.config.degree)
-            return [o - e for o, e in zip(p_o, p_e, strict=False)] + p_o
-        maps: list[Tensor] = self.phi(i_o, i_e)
-        if self.refiner is not None:
-            maps += legendre_maps(i_o, MOMENTS)[self.config.drift_degree :]
-        return maps
 
     def average(self, maps: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
         """Average the features of pixels over training samples and message blocks.
@@ -193,8 +174,7 @@ class PhiDecoder(nn.Module):
         Returns:
             what `summarise` returns.
         """
-        on_pilots = isinstance(self.refiner, PilotRefiner)
-        means = self.as_legendre(self.block_means(maps, weights, with_weight=on_pilots))
+        means = self.phi.of_means(self.block_means(maps, weights, with_weight=self.textured))
         blocks, pilots = (
             means.index_select(2, index).transpose(1, 2).double()
             for index in (self.message_index, self.pilot_index)
@@ -217,11 +197,9 @@ class PhiDecoder(nn.Module):
         scores = (blocks[..., :n] @ head[:, :-1].unsqueeze(-1)).squeeze(-1) + head[:, -1:]
         if self.refiner is None:
             scores = self.log_temperature.exp() * scores
-        elif isinstance(self.refiner, PilotRefiner):
-            scores = self.refiner(self.statistics(known), self.statistics(blocks))
         else:
-            tiles = self.statistics(self._tile_means(known))
-            scores = self.refiner(tiles, self.statistics(blocks), scores)
+            taught = self.statistics(self._tile_means(known))
+            scores = self.refiner(taught, self.statistics(blocks), scores)
         return scores.float(), head.float()
 
     def _fit_head(self, known: Tensor) -> Tensor:
@@ -235,7 +213,7 @@ class PhiDecoder(nn.Module):
 
     def _tile_means(self, known: Tensor) -> Tensor:
         """Average the features of training samples over each ratex tile: (B, tiles, F)."""
-        if self.config.train_on != "pixel":
+        if self.config.train_on != "pixel" or not self.layout.ratex:
             return known
         B, _, F = known.shape
         return known.reshape(B, -1, SAMPLES * SAMPLES, F).mean(2)  # from (B, tiles 36, F)
@@ -252,7 +230,7 @@ class PhiDecoder(nn.Module):
         """
         degree = self.config.degree
         parts = [features[..., :1] / -2, features[..., degree : degree + MOMENTS]]
-        if isinstance(self.refiner, PilotRefiner):
+        if self.textured:
             parts.append(features[..., -TEXTURES:])
         return torch.cat(parts, dim=-1)
 
@@ -266,29 +244,15 @@ class PhiDecoder(nn.Module):
             rows = bin_mean(height, TILES * self.layout.rows, self.tile_rows, MARGIN, maps)
             cols = bin_mean(width, TILES * self.layout.cols, self.tile_cols, MARGIN, maps)
             means = (rows @ maps @ cols.T).flatten(2)  # (B, F, tile rows x tile cols)
-            return self.as_legendre(means.index_select(2, self.tile_index)).transpose(1, 2).double()
+            means = self.phi.of_means(means.index_select(2, self.tile_index))
+            return means.transpose(1, 2).double()
         tiles = self.tile.new_tensor([[self.layout.rows * TILES], [self.layout.cols * TILES]])
         length = torch.cat([self.tile.new_full((1, 1), n) for n in (height, width)])
         y, x = torch.minimum(sample_position(self.tile, self.step, tiles, length), length - 1)
         u = maps.flatten(2).index_select(2, (y * width + x).long()).double()  # (B, F, pixels)
         if self.config.train_on == "tile":
             u = u.reshape(u.shape[0], u.shape[1], -1, SAMPLES * SAMPLES).mean(3)
-        return self.as_legendre(u).transpose(1, 2)
-
-    def as_legendre(self, means: Tensor) -> Tensor:
-        """Turn means of powers into means of Legendre polynomials, where pixels have powers.
-
-        Args:
-            means: (B, F, N) means over pixels of the features of `pixel_maps`.
-
-        Returns:
-            (B, F, N) means of the features of `summarise`.
-        """
-        if not self.by_powers:
-            return means
-        n = len(self.constants)
-        sums = self.factors.to(means.dtype) @ means[:, :n] + self.constants.to(means.dtype)
-        return torch.cat([sums, means[:, n:]], dim=1)
+        return self.phi.of_means(u).transpose(1, 2)
 
     def block_means(self, maps: Tensor, weights: Tensor, with_weight: bool) -> Tensor:
         """Average feature maps over each block of the grid.

@@ -6,16 +6,18 @@ from pathlib import Path
 
 import torch
 
-from link.frames import Rectified, SoftBits
+from link.frames import SoftBits
 from link.images import as_batch
 from link.layout import Layout
+from link.observation import Observation
 from models import shipped_checkpoint
+from models.film.methods import LinearFilm
 from models.phi.checkpoint import load_checkpoint
 from models.phi.config import DecoderConfig
 from models.phi.decoder import PhiDecoder
 
 
-def decode_with(module: PhiDecoder, pair: Rectified) -> SoftBits:
+def decode_with(module: PhiDecoder, pair: Observation) -> SoftBits:
     """Decode one frame pair with a module that was built for the pair's layout."""
     with torch.inference_mode():
         frames = (torch.from_numpy(as_batch(frame)) for frame in (pair.original, pair.embedded))
@@ -41,13 +43,16 @@ class Phi:
     config: DecoderConfig = field(default_factory=DecoderConfig)
     """Configuration of the decoder's graph."""
 
-    def decode(self, pair: Rectified) -> SoftBits:
-        """Score every message block of a frame pair.
+    def decode(self, observation: Observation) -> SoftBits:
+        """Score every message block of a frame pair, or of all pairs of a window of film.
 
         Raises:
-            UnsuitedError: the layout has neither ratex patches nor pilots.
+            UnsuitedError: the layout has neither ratex patches nor pilots; or it is a film, and the
+                layout has no pilots.
         """
-        return decode_with(_untrained(pair.layout, self.config), pair)
+        if not observation.is_pair:
+            return LinearFilm(self.config.degree, smooth=False).decode(observation)
+        return decode_with(_untrained(observation.layout, self.config), observation)
 
 
 @dataclass(frozen=True)
@@ -58,7 +63,7 @@ class Learned:
     """Folder with decoder.pt and config.json, such as runs/canon-lg; by default the shipped one for
     the frame pair's layout."""
 
-    def decode(self, pair: Rectified) -> SoftBits:
+    def decode(self, pair: Observation) -> SoftBits:
         """Score every message block of a frame pair, in natural log-likelihood ratios.
 
         Raises:

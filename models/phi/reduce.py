@@ -4,22 +4,12 @@ from collections.abc import Sequence
 
 import torch
 from torch import Tensor, nn
-from torch.nn.functional import conv2d
+
+from models.onnx_ops import sum_pixels
 
 WEIGHT_PARTS = 100
-"""Number of equal parts in which colour weights are counted. Weights of whole hundredths let
-onnxruntime add uint8 pixels as they are, without a float copy of the frame."""
-
-
-@torch.library.custom_op("camera_display::sum_pixels", mutates_args=())
-def exported_sum(frame: Tensor, weights: Tensor, stride: int) -> Tensor:
-    """Sum weighted pixels; on export `export.to_onnx` makes ONNX's ConvInteger of this."""
-    return conv2d(frame.float(), weights.float(), stride=stride)
-
-
-@exported_sum.register_fake
-def _(frame: Tensor, weights: Tensor, stride: int) -> Tensor:
-    return conv2d(frame.float(), weights.float(), stride=stride)
+"""Number of equal parts in which colour weights are counted: whole numbers are added up quickest
+(`models.onnx_ops.sum_pixels`)."""
 
 
 class Reduce(nn.Module):
@@ -40,7 +30,7 @@ class Reduce(nn.Module):
         self.k, self.n_intensities = k, len(weights)
         parts = (WEIGHT_PARTS * torch.tensor(weights, dtype=torch.float64)).float()
         self.signed = bool((parts < 0).any())
-        if self.signed:  # onnxruntime adds up signed weights with saturation on some processors
+        if self.signed:
             parts = torch.cat([parts.clamp_min(0), (-parts).clamp_min(0)])
         kernel = parts.reshape(-1, 3, 1, 1).expand(-1, 3, k, k).contiguous()
         self.whole = bool(torch.equal(kernel, kernel.round()))
@@ -57,10 +47,7 @@ class Reduce(nn.Module):
         Returns:
             (B, C, H // k, W // k) float32 in [0, 1], encoded.
         """
-        if torch.compiler.is_exporting() and self.whole:
-            total: Tensor = exported_sum(frame, self.weights.to(torch.uint8), self.k)
-        else:
-            total = conv2d(frame.float(), self.weights, stride=self.k)
+        total = sum_pixels(frame, self.weights, self.k, self.whole)
         if self.signed:
             total = total[:, : self.n_intensities] - total[:, self.n_intensities :]
         intensity = total / (255 * WEIGHT_PARTS * self.k**2)

@@ -18,12 +18,10 @@ Here stands what holds for all layouts. `models.phi.refine_ratex` starts from ra
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
 from numpy.polynomial.legendre import legfit
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from models.blind.blind import slope
@@ -31,6 +29,9 @@ from models.blind.blind import slope
 MOMENTS = 4
 """Number of Legendre moments of i_o over a tile or block. It is also the degree of the polynomials
 in i_o by which the response is described."""
+TEXTURES = 5
+"""Number of statistics that tell a block's texture: the gradients along x and y, the curvature, the
+squared gradient, and the mean weight of its pixels."""
 INTENSITY_GRID = np.linspace(0, 1, 65)
 """Intensities in [0, 1] at which curves are evaluated."""
 GRAY_LEVELS = 255.0
@@ -79,6 +80,8 @@ class Refiner(nn.Module):
         surprise: probability of a cause outside the model, before training.
     """
 
+    needs_texture = False
+    """Whether its statistics of a block end with those of the texture (`TEXTURES`)."""
     waves: Tensor
     frequency: Tensor
 
@@ -161,16 +164,6 @@ def with_surprises(llr: Tensor, log_surprise: Tensor) -> Tensor:
     return ((1 + z) / (1 - z)).log()
 
 
-def column_sum(columns: Tensor) -> Tensor:
-    """Add up (B, K, R) over K: (B, 1, R), as a product, which onnxruntime does quickest."""
-    return columns.new_ones((1, columns.shape[1])) @ columns
-
-
 def logs(*values: float) -> nn.Parameter:
     """Make a parameter of the natural logarithms of positive values."""
     return nn.Parameter(torch.tensor(values).log())
-
-
-def table(values: NDArray[Any]) -> Tensor:
-    """Make a tensor that moves with its module to other devices, but is not saved with it."""
-    return nn.Buffer(torch.from_numpy(values), persistent=False)

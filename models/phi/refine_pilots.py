@@ -4,8 +4,8 @@ The linear model is that of `models.phi.refine`. Its columns N hold two things m
 and blur that registration left, by the picture's gradients, and the light that neighbouring blocks
 spill over.
 
-The first ridge solve sees the pilots alone. Its likelihood ratios give the message's bits their
-probabilities, with which all blocks enter the next solve. On fine grids each solve is followed by
+The scores of the head, which was fitted to the pilots alone, give the message's bits their first
+probabilities, with which all blocks enter the first solve. On fine grids each solve is followed by
 an estimate of the waves that moire and flicker leave in the residuals (`models.phi.ripple`),
 which the next solve takes for granted.
 
@@ -21,25 +21,21 @@ from torch import Tensor, nn
 from torch.nn.functional import pad
 
 from link.layout import Layout
+from models.onnx_ops import column_sum, inverse, table
 from models.phi.refine import (
     GAIN_BENDS,
     GRAY_LEVELS,
     MOMENTS,
+    TEXTURES,
     Fit,
     Hypotheses,
     Refiner,
     cavity_llr,
-    column_sum,
     logs,
-    table,
     typical_response,
 )
 from models.phi.ripple import Ripple
-from models.phi.solver import inverse
 
-TEXTURES = 5
-"""Number of statistics that tell a block's texture: the gradients along x and y, the curvature, the
-squared gradient, and the mean weight of its pixels."""
 STATISTICS = 1 + MOMENTS + TEXTURES
 """Number of statistics of a block: the change of intensity, the moments P_k of i_o, the texture."""
 MOST_BANDS = 8
@@ -95,6 +91,8 @@ class PilotRefiner(Refiner):
         space: whether signal, gain and offset may vary smoothly over the display.
     """
 
+    needs_texture = True
+
     def __init__(self, layout: Layout, pixels: float, rounds: int, rows: bool, space: bool) -> None:
         super().__init__(rounds, rows, spread=0.05, surprise=1e-4)
         self.layout, self.pixels = layout, pixels
@@ -114,7 +112,7 @@ class PilotRefiner(Refiner):
         # noise that a block's mean keeps, gray levels; jitter of single pixels and of whole blocks
         self.block_noise = logs(0.03)
         self.jitter = logs(0.05, 0.02)
-        self.noise_trust = logs(20.0)
+        self.noise_trust, self.start = logs(20.0), logs(4.0)
         n_bands = min(MOST_BANDS, layout.rows) if rows else 0
         self._tabulate_blocks(layout, n_bands)
         n_other = len(self.nuisance) + (GAIN_BENDS + 2 if space else 0) + len(self.motion)
@@ -177,55 +175,59 @@ class PilotRefiner(Refiner):
         # a variance holds the covariance of two parts twice; `crossed_shares` says so for S
         self.spill_twice = table(np.repeat([1.0, 2.0], [n_signal, n_spill])[:, None])
 
-    def forward(self, pilots: Tensor, blocks: Tensor) -> Tensor:
+    def forward(self, pilots: Tensor, blocks: Tensor, scores: Tensor) -> Tensor:
         """Compute the log-likelihood ratios of the message bits.
 
         Args:
             pilots: (B, pilots, STATISTICS) float64 statistics of the pilots.
             blocks: (B, n_bits, STATISTICS) float64 statistics of the message blocks.
+            scores: (B, n_bits) float64 scores of the SVM, with margins of about 1, from which the
+                first probabilities are made.
 
         Returns:
             (B, n_bits) float64 natural log-likelihood ratios, positive for bit 1.
         """
-        P, R = pilots.shape[1], pilots.shape[1] + blocks.shape[1]
+        P = pilots.shape[1]
         model = self.design(torch.cat([pilots, blocks], dim=1))
         # variance by which blocks scatter as bit 1 and as bit 0, relative to their squared signal
         scatter = (2 * self.spread.double()).exp() * self.changes * self.changes  # (2, 1)
         noise_trust, band_trust = (v.double().exp() for v in (self.noise_trust, self.band_trust))
         amplitude = torch.ones_like(model.variance)[..., :1] * self.amplitude.double().exp()
-        noise = flicker = torch.ones_like(amplitude)  # (B, 1, 1)
+        flicker = torch.ones_like(amplitude)  # (B, 1, 1)
         change, ripple = model.N[:, -1:], torch.zeros_like(model.variance)  # (B, 1, R)
-        # pilots alone, before anything is known of the other blocks
-        alone = Model(model.S[..., :P], model.N[..., :P], model.variance[..., :P])
-        fit = self.solve(alone, self.known[:, :P] / alone.variance, amplitude, flicker)
-        fit = replace(fit, weight=pad(fit.weight, (0, R - P)))
-        verdict = self._judge(model, fit, P, noise, noise_trust, scatter)
+        q = self._probabilities(pad(self.start.exp() * scores, (P, 0)).unsqueeze(1))
+        fit = self.solve(model, q / model.variance, amplitude, flicker)
+        verdict = self._judge(model, fit, flicker, noise_trust, scatter)
         for _ in range(self.rounds):
             amplitude = self._amplitude(model, fit)
             flicker = self._flicker(fit, flicker, band_trust)
-            q = verdict.llr.sigmoid() * self.unknown + self.known[:1]
-            q = torch.cat([q, 1 - q], dim=1)  # (B, 2, R)
+            q = self._probabilities(verdict.llr)
             model = replace(model, spilled=self._spilled_light(model, q, amplitude))
             if self.ripple is not None:
                 ripple = self._wave(self.ripple, model, verdict, q, ripple)
                 model = replace(model, N=torch.cat([model.N[:, :-1], change - ripple], dim=1))
             fit = self.solve(model, q / verdict.variance, amplitude, flicker)
-            verdict = self._judge(model, fit, R, verdict.noise, noise_trust, scatter)
+            verdict = self._judge(model, fit, verdict.noise, noise_trust, scatter)
         return self.bounded(verdict.llr[:, 0, P:])
 
+    def _probabilities(self, llr: Tensor) -> Tensor:
+        """Give the (B, 2, R) probabilities of bit 1 and of bit 0; those of pilots are certain."""
+        q = llr.sigmoid() * self.unknown + self.known[:1]
+        return torch.cat([q, 1 - q], dim=1)
+
     def _judge(
-        self, model: Model, fit: Fit, counted: int, noise: Tensor, trust: Tensor, scatter: Tensor
+        self, model: Model, fit: Fit, noise: Tensor, trust: Tensor, scatter: Tensor
     ) -> Verdict:
         """Decide each block by a fit to all others, and estimate the noise of this frame pair.
 
-        ``counted`` blocks entered the fit, with (B, 1, 1) ``noise`` relative to the learned one,
-        which counts for ``trust`` blocks.
+        The blocks entered the fit with (B, 1, 1) ``noise`` relative to the learned one, which
+        counts for ``trust`` blocks.
         """
         hypotheses, signal = self._predict(model, fit)
         squares = fit.weight * hypotheses.residual * hypotheses.residual
         misfit = squares.sum((1, 2), keepdim=True)  # (B, 1, 1)
         spent = (fit.weight * hypotheses.variance).sum((1, 2), keepdim=True)  # degrees of freedom
-        noise = (trust + noise * misfit) / (trust + counted - spent)
+        noise = (trust + noise * misfit) / (trust + model.variance.shape[2] - spent)
         variance = noise * model.variance + scatter * (signal * signal)
         llr = cavity_llr(fit, hypotheses, variance, lambda places: places.flip(1))
         return Verdict(llr[:, :1], hypotheses.residual, signal, noise, variance)

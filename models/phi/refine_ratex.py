@@ -19,6 +19,7 @@ from torch.nn.functional import pad
 
 from link.layout import Layout
 from link.ratex import TILES, tile_labels, tile_levels
+from models.onnx_ops import column_sum, inverse, softplus, table, times_vector
 from models.phi.refine import (
     GAIN_BENDS,
     GRAY_LEVELS,
@@ -28,11 +29,9 @@ from models.phi.refine import (
     Hypotheses,
     Refiner,
     cavity_llr,
-    column_sum,
     logs,
-    table,
 )
-from models.phi.solver import inverse, solve_spd
+from models.phi.solver import solve_spd
 
 SHARPNESS = 10.0
 """How sharply the soft floor bends that keeps g' above its least value, per unit of g'."""
@@ -283,13 +282,9 @@ class RatexRefiner(Refiner):
         return self.project @ torch.stack([h, h * h], dim=-1), tilt
 
     def _soft_floor(self, slope: Tensor) -> Tensor:
-        """Keep slopes above their learned least value, as softplus(slope - least) + least does.
-
-        It is made of operations that onnxruntime has for float64.
-        """
-        above = SHARPNESS * (slope - self.least_slope.exp())
-        softplus = above.relu() + (1 + (-above.abs()).exp()).log()
-        return self.least_slope.exp() + softplus / SHARPNESS
+        """Keep slopes above their learned least value, as softplus(slope - least) + least does."""
+        least = self.least_slope.exp()
+        return least + softplus(SHARPNESS * (slope - least)) / SHARPNESS
 
     def design(self, tiles: Tensor, blocks: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Build the linear model of a frame pair, whose R rows are its tiles and then its blocks.
@@ -310,8 +305,7 @@ class RatexRefiner(Refiner):
         curves, tilt = self.calibrate(tiles)
         statistics = torch.cat([tiles, blocks], dim=1)
         P = pad(statistics[..., 1:], (1, 0), value=1.0)  # (B, R, MOMENTS + 1)
-        # as a matrix of one column: onnxruntime 1.31 gets a transposed matrix times a vector wrong
-        gain = P @ self.exposure.double().unsqueeze(-1)  # (B, R, 1)
+        gain = times_vector(P, self.exposure.double())  # (B, R, 1)
         signal = self._response(P @ curves, tilt)
         S = torch.cat([signal, gain], dim=-1) * self.signal.exp()
         if self.bends is not None:

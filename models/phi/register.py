@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import conv2d, pad
 
-from models.phi.solver import inverse
+from models.onnx_ops import average_squares, inverse, sample_bilinear
 
 RIDGE = 1e-6
 """Ridge of the least squares, in squared intensity per pixel; it keeps flat pictures in place."""
@@ -68,7 +68,7 @@ def register(
     """
     s = motion(*(guide or (i_o, i_e)))
     column, row, x, y = axes(i_o)
-    moved, f_x, f_y = sample(
+    moved, f_x, f_y = sample_bilinear(
         i_e,
         (column + s[:, 0:1] + s[:, 1:2] * x) + s[:, 2:3] * y,
         (row + s[:, 3:4] + s[:, 5:6] * y) + s[:, 4:5] * x,
@@ -88,10 +88,10 @@ def motion(i_o: Tensor, i_e: Tensor) -> Tensor:
         (B, 6, 1, 1): for the motion along x and then for that along y the coefficients of 1, x and
         y, in pixels, where x and y run from -1 to 1 over the frame.
     """
-    o, e = (shrink(channel_mean(i), FINE) for i in (i_o, i_e))
+    o, e = (average_squares(channel_mean(i), FINE) for i in (i_o, i_e))
     column, row, x, y = axes(o)
     coarse = translation(o, e)[:, :, None]  # (B, 2, 1, 1)
-    moved, _, _ = sample(e, column + coarse[:, 0:1], row + coarse[:, 1:2])
+    moved, _, _ = sample_bilinear(e, column + coarse[:, 0:1], row + coarse[:, 1:2])
     gx, gy = derivatives((o + moved) / 2)[:2]
     fine = least_squares([gx, gx * x, gx * y, gy, gy * x, gy * y], o, o - moved)
     shift = coarse.new_tensor([[1, 0, 0, 0, 0, 0], [0, 0, 0, 1, 0, 0]])
@@ -147,48 +147,9 @@ def translation(i_o: Tensor, i_e: Tensor) -> Tensor:
     Returns:
         (B, 2, 1) translation along x and y, in pixels of the images given.
     """
-    o, e = (shrink(i, COARSE) for i in (i_o, i_e))
+    o, e = (average_squares(i, COARSE) for i in (i_o, i_e))
     dx, dy, _, _ = derivatives(o)
     return COARSE * least_squares([dx, dy], o, o - e)
-
-
-def sample(image: Tensor, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Sample images bilinearly at any positions; beyond the edges the outermost pixels repeat.
-
-    It gathers the four neighbours of each position, in which onnxruntime is several times as quick
-    as in its GridSample.
-
-    Args:
-        image: (B, C, H, W) intensities.
-        x: columns, in pixels, that broadcast with ``y`` to (B, 1, H, W).
-        y: rows, in pixels.
-
-    Returns:
-        values: (B, C, H, W) image(x, y).
-        f_x: how far each column lies beyond the one to its left, in [0, 1), in the shape of ``x``.
-        f_y: how far each row lies below the one above it, in [0, 1), in the shape of ``y``.
-    """
-    height, width = image.shape[-2:]
-    left, top = x.floor(), y.floor()
-    f_x, f_y = x - left, y - top
-    # in the padded image the first column is -1; a position beyond lies between two equal pixels
-    column, row = (left.clamp(-1, width - 1) + 1).int(), (top.clamp(-1, height - 1) + 1).int()
-    flat = pad(image, (1, 1, 1, 1), mode="replicate").flatten(2)
-    first = (row * (width + 2) + column).long().flatten(2)
-    if image.shape[1] > 1:
-        first = first.expand(-1, image.shape[1], -1)
-    corners = (flat[..., k:].gather(2, first) for k in (0, 1, width + 2, width + 3))
-    a, b, c, d = (corner.reshape(-1, *image.shape[1:]) for corner in corners)
-    upper, lower = a + f_x * (b - a), c + f_x * (d - c)
-    return upper + f_y * (lower - upper), f_x, f_y
-
-
-def shrink(image: Tensor, k: int) -> Tensor:
-    """Average (B, 1, H, W) over squares of k x k pixels: (B, 1, H // k, W // k).
-
-    It is a convolution because onnxruntime's pooling is slow.
-    """
-    return conv2d(image, image.new_full((1, 1, k, k), 1 / k**2), stride=k)
 
 
 def channel_mean(maps: Tensor) -> Tensor:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.functional import conv2d, conv_transpose2d, pad
 
-from models.phi.refine import table
+from models.onnx_ops import table
 
 WINDOW = 16
 """Number of blocks along each side of a window; windows overlap by half of it."""

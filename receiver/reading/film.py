@@ -6,19 +6,18 @@ decoder (`models.film.decoder`), and takes back the scores of all frame pairs th
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from export.film_graph import SHRINK, FilmScorer, FilmWindow
 from link.clock import DisplayClock
 from link.code.scores import information_of
-from link.images import as_rgb
 from link.layout import Layout
-from link.pilots import expected_changes
-from link.types import Array, Image, Map
-from models.phi.config import CHANNELS
+from link.observation import Observation, mixture_of_exposures
+from link.types import Array, Map
+from models.film.window import shrunk_gray
+from receiver.decoders import WindowDecoder
 from receiver.reading.states import RectifiedFrame
 
 WINDOW, FINE_WINDOW = 32, 24
@@ -37,8 +36,6 @@ MISSED, FRESH_FRAMES = 1.5, 12
 """Number of nominal frames for each new one from which on frames were missed since the last window,
 and number of new frames that the next one then waits for: while windows are scored, a camera that
 does not wait gives none."""
-QUIET = np.array(CHANNELS["gray"]["quiet"], np.float32)
-"""(1, 3) weights of R, G and B that make gray with little noise of the camera."""
 VAGUE = 0.05
 """Information in bits a block below which the film's scores are compared with those of a pair,
 which says more where the picture moves."""
@@ -51,7 +48,7 @@ class FilmFrame:
     time: float
     """Seconds of the camera's clock."""
     gray: Map
-    """(1, h, w) float32 gray levels of the rectified display, shrunk."""
+    """(h, w) float32 gray levels of the rectified display, shrunk."""
     seen: Map
     """(rows, cols) float32, 1 where the whole block lies within the camera frame, else 0."""
 
@@ -60,22 +57,21 @@ class FilmDesk:
     """Keeps frames of one display, and has frame pairs scored by windows of them.
 
     Args:
-        layout: layout of the display, of which `export.film_graph.reads_films` is true.
-        scorer: the film decoder.
+        layout: layout of the display, of which `models.film.window.reads_films` is true.
+        decoder: the film decoder.
         kept: number of frames that wait at most.
     """
 
-    def __init__(self, layout: Layout, scorer: FilmScorer, kept: int) -> None:
+    def __init__(self, layout: Layout, decoder: WindowDecoder, kept: int) -> None:
         self.layout = layout
-        self._scorer = scorer
+        self._decoder = decoder
         self._frames: deque[FilmFrame] = deque(maxlen=kept)
         self._scored_at = -np.inf
-        self._known = expected_changes(layout).astype(np.float32)
-        self._window = FINE_WINDOW if self._known.size > FINE_BLOCKS else WINDOW
+        self._window = FINE_WINDOW if layout.rows * layout.cols > FINE_BLOCKS else WINDOW
 
     def prepare(self) -> None:
         """Get ready: frames will soon come."""
-        self._scorer.prepare()
+        self._decoder.prepare()
 
     def clear(self) -> None:
         """Forget all frames: what comes shows another place, another picture, or another clock."""
@@ -85,12 +81,12 @@ class FilmDesk:
     def add(self, frame: RectifiedFrame) -> None:
         """Keep a frame."""
         layout = self.layout
-        seen = np.ones_like(self._known)
+        seen = np.ones((layout.rows, layout.cols), np.float32)
         if frame.in_view is not None:
             in_view = frame.in_view.astype(np.float32)
             shares = cv2.resize(in_view, (layout.cols, layout.rows), interpolation=cv2.INTER_AREA)
             seen = (shares > 1 - 1e-6).astype(np.float32)
-        self._frames.append(FilmFrame(frame.time, shrunk_gray(frame.rectified)[None], seen))
+        self._frames.append(FilmFrame(frame.time, shrunk_gray(frame.rectified), seen))
 
     def due(self, fps: float, waiting_s: float) -> bool:
         """Return whether it is time for the next window.
@@ -130,50 +126,34 @@ class FilmDesk:
         first, last = spans[begin][0], max(span[1] for span in spans[begin:end])
         over = np.inf if end == len(frames) else clock.number(now + clock.earliest) / 2
         done = [number for number in numbers if number <= min(last, over - 1)]
-        scores = self._scorer.score(
-            FilmWindow(
-                frames=np.stack([frame.gray for frame in window]),
-                seen=np.stack([frame.seen for frame in window]),
-                known=self._known,
-                times=np.array([frame.time for frame in window]),
-                clock=np.array(astuple(clock)),
-                first=first,
-                count=last + 1 - first,
-                code=self.layout.code,
-            )
-        )
+        scores = self._decode(window, clock, first, last + 1 - first)
         self._scored_at = now
         for _ in range(max(0, end - self._window)):
             self._frames.popleft()
-        message, unread = self.layout.message_mask, np.zeros(self.layout.n_bits)
+        unread = np.zeros(self.layout.n_bits)
         return {
-            number: scores[number - first][message] if first <= number <= last else unread
+            number: scores[number - first] if first <= number <= last else unread
             for number in done or numbers[:1]
         }
+
+    def _decode(
+        self, window: Sequence[FilmFrame], clock: DisplayClock, first: int, count: int
+    ) -> Array:
+        """Decode the ``count`` frame pairs from number ``first`` on: (count, n_bits) scores."""
+        times = np.array([frame.time for frame in window])
+        observation = Observation(
+            tuple(frame.gray for frame in window),
+            self.layout,
+            mixture_of_exposures(clock, times, self.layout, first, count),
+            np.stack([frame.seen for frame in window]),
+        )
+        return self._decoder.decode(observation).scores.reshape(count, -1)  # (count n_bits,)
 
 
 def _pairs_shown(clock: DisplayClock, time: float) -> tuple[int, int]:
     """Give the numbers of the first and the last frame pair of which a frame shows a part."""
     first, last = (clock.number(time + end) / 2 for end in (clock.earliest, clock.latest))
     return int(np.floor(first)), int(np.floor(last))
-
-
-def shrunk_gray(image: Image) -> Map:
-    """Make gray of a rectified image, and average it over squares of `SHRINK` pixels.
-
-    Args:
-        image: an `Image`.
-
-    Returns:
-        (h, w) float32 gray levels.
-    """
-    height, width = image.shape[:2]
-    small = cv2.resize(
-        as_rgb(image).astype(np.float32),
-        (width // SHRINK, height // SHRINK),
-        interpolation=cv2.INTER_AREA,
-    )
-    return np.asarray(cv2.transform(small, QUIET), np.float32)
 
 
 def information(scores: Array) -> float:

@@ -11,12 +11,12 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from export.film_graph import FilmScorer, reads_films
 from link.clock import DisplayClock
 from link.code.collect import Message, make_collector
 from link.frames import SoftBits
 from link.types import Homography
-from receiver.decoders import PairDecoder
+from models.film.window import reads_films
+from receiver.decoders import PairDecoder, WindowDecoder
 from receiver.reading.film import VAGUE, FilmDesk, information
 from receiver.reading.pairs import ComposedPair, PairScorer
 from receiver.reading.states import (
@@ -103,7 +103,7 @@ class DisplayReader:
         fps: float,
         timing: StageTimes,
         sight: Sight,
-        film: FilmScorer | None = None,
+        film: WindowDecoder | None = None,
     ) -> None:
         self.decoder = decoder
         self.layout = decoder.layout

@@ -9,8 +9,8 @@ import numpy as np
 
 from link.embed import embed
 from link.errors import InputError, UnsuitedError, each_once
-from link.frames import Rectified
 from link.layout import Layout
+from link.observation import Observation
 from models import BlockDecoder, Card, find_card, make_decoder
 
 
@@ -72,7 +72,7 @@ def suited_methods(methods: Sequence[Method], layout: Layout) -> tuple[list[Meth
     suited, notes = [], []
     picture = np.random.default_rng(0).integers(0, 256, (layout.height, layout.width, 3), np.uint8)
     shown = embed(picture, np.zeros(layout.n_bits), layout, kappa=5)
-    pair = Rectified(shown.original, shown.embedded, layout, shown.kappa)
+    pair = Observation.still(shown.original, shown.embedded, layout, shown.kappa)
     for method in methods:
         try:
             if not (layout.ratex or method.card.equalised):

@@ -7,9 +7,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.frames import Captured, Rectified, SoftBits
+from link.frames import Captured, SoftBits
 from link.images import as_rgb, intensity
 from link.layout import block_index
+from link.observation import Observation
 from link.overlay import frame_block
 from link.ratex import training_pixels
 from models.paper.common import tile_mean
@@ -25,7 +26,7 @@ MIN_HEIGHT_PX = 384
 
 
 def annotate(
-    pair: Rectified, soft: SoftBits, truth: NDArray[np.intp] | None = None
+    pair: Observation, soft: SoftBits, truth: NDArray[np.intp] | None = None
 ) -> NDArray[np.uint8]:
     """Set the rectified original, the amplified difference and the decided bits side by side.
 
@@ -46,7 +47,7 @@ def annotate(
 
 
 def bits_panel(
-    pair: Rectified, soft: SoftBits, truth: NDArray[np.intp] | None = None
+    pair: Observation, soft: SoftBits, truth: NDArray[np.intp] | None = None
 ) -> NDArray[np.uint8]:
     """Lay the decided bits over the rectified original: light blocks are 1, dark blocks 0.
 
@@ -85,7 +86,7 @@ def bits_panel(
 
 
 def overview(
-    displayed: NDArray[np.uint8], captured: Captured, pair: Rectified, soft: SoftBits
+    displayed: NDArray[np.uint8], captured: Captured, pair: Observation, soft: SoftBits
 ) -> NDArray[np.uint8]:
     """Set the displayed, the captured and the decoded picture side by side.
 
@@ -117,7 +118,7 @@ def overview(
 
 @in_style
 def plot_inverse_responses(
-    path: Path, cases: Mapping[str, tuple[Rectified, Mapping[str, NDArray[np.float64]]]]
+    path: Path, cases: Mapping[str, tuple[Observation, Mapping[str, NDArray[np.float64]]]]
 ) -> None:
     """Draw g, captured to displayed intensity, as each method recovers it from each frame pair.
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from conftest import ROOT, Finished, run_process
 
-from link.frames import Rectified
+from link.observation import Observation
 from models import DECODERS, make_decoder
 
 MAY_IMPORT = {
@@ -195,7 +195,7 @@ def run_without(names: list[str], script: str, *args: Path | str, status: int = 
 
 
 @pytest.fixture(scope="module")
-def frames(rectified: Rectified, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+def frames(rectified: Observation, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """The original and the embedded frame as .npy files."""
     folder = tmp_path_factory.mktemp("frames")
     paths = [folder / "original.npy", folder / "embedded.npy"]
@@ -212,17 +212,17 @@ def test_the_block_blocks(name: str) -> None:
 DECODE_WITH_METHODS = """
 import json
 import numpy as np
-from link.frames import Rectified
+from link.observation import Observation
 from link.layout import make_layout
 from models import make_decoder
-pair = Rectified(np.load(sys.argv[1]), np.load(sys.argv[2]), make_layout(), 5)
+pair = Observation.still(np.load(sys.argv[1]), np.load(sys.argv[2]), make_layout(), 5)
 print(json.dumps({name: make_decoder(name).decode(pair).bits.tolist() for name in sys.argv[3:]}))
 """
 
 
 @pytest.mark.slow
 def test_methods_of_the_paper_decode_without_torch(
-    rectified: Rectified, frames: list[Path]
+    rectified: Observation, frames: list[Path]
 ) -> None:
     names = [name for name, card in DECODERS.items() if ".phi." not in card.target]
     result = run_without(["torch", "kornia"], DECODE_WITH_METHODS, *frames, *names)

@@ -25,8 +25,9 @@ from export.runtime import FORMAT, Decoder
 from export.watchdog import Watchdog
 from link import __version__
 from link.errors import InputError
-from link.frames import Captured, Rectified
+from link.frames import Captured
 from link.layout import Layout, make_layout
+from link.observation import Observation
 from link.types import Image
 from models import PRETRAINED
 from models.phi.checkpoint import load_checkpoint
@@ -61,7 +62,7 @@ def shipped_model() -> bytes:
 
 
 @pytest.fixture(scope="module")
-def unseen(layout: Layout) -> list[Rectified]:
+def unseen(layout: Layout) -> list[Observation]:
     """24 frame pairs of all nine pairs, a third at each size."""
     source = Source(layout, seed=UNSEEN_SEED)
     pairs = []
@@ -82,7 +83,7 @@ def batch(frames: list[Image]) -> Image:
 
 @pytest.mark.slow
 def test_torch_and_onnxruntime_agree_on_unseen_frames_of_any_size(
-    module: PhiDecoder, onnx_decoder: Decoder, unseen: list[Rectified]
+    module: PhiDecoder, onnx_decoder: Decoder, unseen: list[Observation]
 ) -> None:
     for pair in unseen:
         ours, theirs = decode_with(module, pair), onnx_decoder.decode(pair.original, pair.embedded)
@@ -92,7 +93,7 @@ def test_torch_and_onnxruntime_agree_on_unseen_frames_of_any_size(
 
 @pytest.mark.parametrize("start", [0, 8, 16])
 def test_torch_and_onnxruntime_agree_on_a_batch(
-    module: PhiDecoder, model: bytes, unseen: list[Rectified], start: int
+    module: PhiDecoder, model: bytes, unseen: list[Observation], start: int
 ) -> None:
     pairs = unseen[start : start + 5]
     original, embedded = batch([p.original for p in pairs]), batch([p.embedded for p in pairs])
@@ -110,10 +111,10 @@ def test_torch_and_onnxruntime_agree_on_a_batch(
 
 @pytest.mark.parametrize("level", [0, 128, 255, None], ids=["black", "gray", "white", "picture"])
 def test_torch_and_onnxruntime_agree_where_both_frames_are_the_same(
-    module: PhiDecoder, onnx_decoder: Decoder, rectified: Rectified, level: int | None
+    module: PhiDecoder, onnx_decoder: Decoder, rectified: Observation, level: int | None
 ) -> None:
     frame = rectified.original if level is None else np.full((384, 512, 3), level, np.uint8)
-    ours = decode_with(module, Rectified(frame, frame, module.layout))
+    ours = decode_with(module, Observation.still(frame, frame, module.layout))
     theirs = onnx_decoder.decode(frame, frame)
     np.testing.assert_allclose(theirs.scores, ours.scores, rtol=0, atol=ONNX_SCORE)
 
@@ -507,7 +508,7 @@ def flipped(model: bytes, seed: int) -> bytes:
 
 @pytest.mark.parametrize("seed", [*range(15), *map(slow, range(15, 30))])
 def test_flipped_bits_leave_a_working_decoder_or_an_input_error(
-    seed: int, shipped_model: bytes, rectified: Rectified, tmp_path: Path
+    seed: int, shipped_model: bytes, rectified: Observation, tmp_path: Path
 ) -> None:
     path = tmp_path / "flipped.onnx"
     path.write_bytes(flipped(shipped_model, seed))
@@ -522,7 +523,7 @@ def test_flipped_bits_leave_a_working_decoder_or_an_input_error(
 # decode
 
 
-def test_gray_frames_decode_as_their_rgb_twins(shipped: Decoder, rectified: Rectified) -> None:
+def test_gray_frames_decode_as_their_rgb_twins(shipped: Decoder, rectified: Observation) -> None:
     gray = [
         cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
         for frame in (rectified.original, rectified.embedded)
@@ -535,7 +536,7 @@ def test_gray_frames_decode_as_their_rgb_twins(shipped: Decoder, rectified: Rect
 
 
 def test_decode_does_not_depend_on_the_memory_layout(
-    shipped: Decoder, rectified: Rectified
+    shipped: Decoder, rectified: Observation
 ) -> None:
     strided = [np.asfortranarray(frame) for frame in (rectified.original, rectified.embedded)]
     expected = shipped.decode(rectified.original, rectified.embedded)

@@ -10,9 +10,10 @@ from data_gen.channel.stills import capture
 from data_gen.frame_pair import Cell, FramePair, Source, shuffled_pictures
 from data_gen.pairs import get_pair
 from link.embed import embed
-from link.frames import Captured, Rectified
+from link.frames import Captured
 from link.images import intensity
 from link.layout import Layout, make_layout
+from link.observation import Observation
 from link.types import Image
 from models import DECODERS, make_decoder
 from models.blind.blind import SIGNAL_SPREAD, fit, log_odds
@@ -40,7 +41,7 @@ def truth(captured: Captured) -> NDArray[np.intp]:
     return captured.bits
 
 
-def errors(pair: Rectified, bits: NDArray[np.intp], method: str = "blind") -> int:
+def errors(pair: Observation, bits: NDArray[np.intp], method: str = "blind") -> int:
     return int((make_decoder(method).decode(pair).bits != bits).sum())
 
 
@@ -85,7 +86,7 @@ def test_a_swapped_antipodal_pair_flips_the_bits() -> None:
 def test_blind_reads_gray_frames(filmed: Captured) -> None:
     pair = filmed.rectified()
     frames = [(255 * intensity(f)).round().astype(np.uint8) for f in (pair.original, pair.embedded)]
-    assert errors(replace(pair, original=frames[0], embedded=frames[1]), truth(filmed)) == 0
+    assert errors(replace(pair, frames=tuple(frames)), truth(filmed)) == 0
 
 
 def test_a_swapped_pair_flips_the_bits(filmed: Captured) -> None:
@@ -104,7 +105,7 @@ def test_a_swapped_pair_flips_the_bits_of_a_strong_message() -> None:
 def test_exposure_drift_is_no_message(filmed: Captured, gain: float) -> None:
     pair = filmed.rectified()
     drifted = (gain * pair.embedded).round().clip(0, 255).astype(np.uint8)
-    pair = replace(pair, embedded=drifted)
+    pair = replace(pair, frames=(pair.original, drifted))
     assert errors(pair, truth(filmed)) == 0
     assert errors(pair, truth(filmed), "hidden_ratex") > 3
 
@@ -127,7 +128,7 @@ def test_what_covers_a_block_costs_that_block_alone() -> None:
     pair = strong.rectified()
     covered = np.array(pair.embedded)
     covered[50:94, 70:120] = 255
-    assert errors(replace(pair, embedded=covered), truth(strong)) <= 1
+    assert errors(replace(pair, frames=(pair.original, covered)), truth(strong)) <= 1
 
 
 @pytest.mark.parametrize("share", [0.05, 0.3, 0.95])
@@ -148,14 +149,14 @@ def test_any_grid_is_read_and_patches_are_ignored(layout: Layout) -> None:
         top, bottom, left, right = layout.cell_box(row, col)
         inner = np.s_[top + 8 : bottom - 8, left + 8 : right - 8]
         blank[inner] = pair.original[inner]
-    assert errors(replace(pair, embedded=blank), truth(captured)) == 0
+    assert errors(replace(pair, frames=(pair.original, blank)), truth(captured)) == 0
 
 
 @pytest.mark.parametrize("level", [0, 128, 255])
 @pytest.mark.parametrize("layout", [NO_PATCHES, Layout(1, 1, 16, 16, ()), Layout(1, 2, 64, 48, ())])
 def test_frames_that_show_nothing_yield_finite_scores(layout: Layout, level: int) -> None:
     flat = np.full((layout.height, layout.width), level, np.uint8)
-    scores = make_decoder("blind").decode(Rectified(flat, flat, layout)).scores
+    scores = make_decoder("blind").decode(Observation.still(flat, flat, layout)).scores
     assert scores.shape == (layout.n_bits,)
     assert np.isfinite(scores).all()
 

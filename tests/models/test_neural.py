@@ -21,18 +21,20 @@ from torch import Tensor
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import PAIRS
 from link.errors import InputError
-from link.frames import Captured, Rectified
+from link.frames import Captured
 from link.images import as_batch, intensity
 from link.layout import Layout, make_layout
+from link.observation import Observation
 from link.types import Array
 from models import PRETRAINED, make_decoder
+from models.onnx_ops import exported_sum
 from models.paper.oorc import explicit_map
 from models.phi.checkpoint import load_checkpoint, load_weights, save_checkpoint, unpack
 from models.phi.config import CHANNELS, FULL, MAX_DEGREE, DecoderConfig
 from models.phi.decoder import PhiDecoder, bin_mean
 from models.phi.methods import Phi, decode_with
 from models.phi.phi import PhiPolynomial
-from models.phi.reduce import Reduce, exported_sum
+from models.phi.reduce import Reduce
 from models.phi.refine import MOMENTS
 from models.phi.register import derivatives, register
 from models.phi.solver import fit_head, solve_spd
@@ -47,7 +49,7 @@ EVERY_CONFIG = [
 
 
 @pytest.fixture(scope="module")
-def pairs(layout: Layout) -> list[Rectified]:
+def pairs(layout: Layout) -> list[Observation]:
     """Twenty simulated frame pairs, every camera and display among them."""
     names = list(PAIRS)
     return [
@@ -65,7 +67,7 @@ def perturbed(module: PhiDecoder) -> PhiDecoder:
     return module.eval()
 
 
-def batch(pairs: list[Rectified]) -> tuple[Tensor, Tensor]:
+def batch(pairs: list[Observation]) -> tuple[Tensor, Tensor]:
     return (
         torch.from_numpy(np.concatenate([as_batch(pair.original) for pair in pairs])),
         torch.from_numpy(np.concatenate([as_batch(pair.embedded) for pair in pairs])),
@@ -195,7 +197,7 @@ def test_fit_head_reaches_scikit_learns_objective_on_random_frames(seed: int) ->
 
 @pytest.mark.parametrize("train_on", ["area", slow("tile"), slow("pixel")])
 def test_fit_head_reaches_scikit_learns_objective_on_simulated_frames(
-    layout: Layout, pairs: list[Rectified], train_on: str
+    layout: Layout, pairs: list[Observation], train_on: str
 ) -> None:
     module = PhiDecoder(layout, DecoderConfig(drift_degree=2, train_on=train_on))
     original, embedded = batch(pairs)
@@ -375,7 +377,7 @@ def test_registration_saves_the_messages_of_moved_frames(layout: Layout) -> None
 # --- the whole decoder
 
 
-def test_phi_is_the_twin_of_oorc(pairs: list[Rectified]) -> None:
+def test_phi_is_the_twin_of_oorc(pairs: list[Observation]) -> None:
     for pair in pairs:
         ours, theirs = make_decoder("phi").decode(pair), make_decoder("oorc").decode(pair)
         np.testing.assert_array_equal(ours.bits, theirs.bits)
@@ -384,7 +386,7 @@ def test_phi_is_the_twin_of_oorc(pairs: list[Rectified]) -> None:
 
 @pytest.mark.parametrize("config", EVERY_CONFIG)
 def test_three_pairs_at_once_score_as_one_by_one(
-    layout: Layout, pairs: list[Rectified], config: DecoderConfig
+    layout: Layout, pairs: list[Observation], config: DecoderConfig
 ) -> None:
     module = perturbed(PhiDecoder(layout, config))
     with torch.inference_mode():
@@ -396,7 +398,7 @@ def test_three_pairs_at_once_score_as_one_by_one(
             torch.testing.assert_close(scores[k : k + 1], alone, rtol=0, atol=ONNX_SCORE)
 
 
-def test_float_frames_score_as_uint8_frames(layout: Layout, rectified: Rectified) -> None:
+def test_float_frames_score_as_uint8_frames(layout: Layout, rectified: Observation) -> None:
     module = PhiDecoder(layout, DecoderConfig()).eval()
     frames = batch([rectified])
     with torch.inference_mode():
@@ -435,7 +437,7 @@ def test_flat_frames_give_finite_scores(layout: Layout, level: int) -> None:
 
 @pytest.mark.parametrize("config", [EVERY_CONFIG[1], FULL])
 def test_every_learned_parameter_receives_a_gradient(
-    layout: Layout, rectified: Rectified, config: DecoderConfig
+    layout: Layout, rectified: Observation, config: DecoderConfig
 ) -> None:
     module = perturbed(PhiDecoder(layout, config))
     scores, _ = module(*batch([rectified]))
@@ -537,7 +539,7 @@ def checkpoint(layout: Layout, tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("config", EVERY_CONFIG)
 def test_a_checkpoint_restores_bit_identical_scores(
-    layout: Layout, rectified: Rectified, tmp_path: Path, config: DecoderConfig
+    layout: Layout, rectified: Observation, tmp_path: Path, config: DecoderConfig
 ) -> None:
     module = perturbed(PhiDecoder(layout, config))
     save_checkpoint(tmp_path, module, {})
@@ -557,7 +559,7 @@ def test_a_checkpoint_may_be_loaded_for_another_layout(checkpoint: Path) -> None
         assert torch.equal(loaded.get_parameter(name), parameter)
 
 
-def test_learned_without_a_named_checkpoint_loads_the_shipped_one(rectified: Rectified) -> None:
+def test_learned_without_a_named_checkpoint_loads_the_shipped_one(rectified: Observation) -> None:
     shipped = make_decoder("learned", checkpoint=PRETRAINED).decode(rectified)
     assert make_decoder("learned").decode(rectified).scores.tolist() == shipped.scores.tolist()
 

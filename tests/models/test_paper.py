@@ -12,10 +12,10 @@ from tolerances import FLOAT32, FLOAT64, TWIN_SCORE
 
 from link.embed import embed
 from link.errors import InputError, UnsuitedError
-from link.frames import Rectified
 from link.images import intensity
 from link.images.equalise import equalise
 from link.layout import MODULATIONS, Layout, make_layout
+from link.observation import Observation
 from link.ratex import training_pixels
 from link.types import Array
 from models import DECODERS, PRETRAINED, make_decoder
@@ -43,7 +43,7 @@ def make_pair(
     hidden: bool = False,
     colour: bool = False,
     layout: Layout | None = None,
-) -> tuple[Rectified, NDArray[np.intp]]:
+) -> tuple[Observation, NDArray[np.intp]]:
     """A noise-free capture of a smooth picture, and the message in it.
 
     Args:
@@ -64,10 +64,10 @@ def make_pair(
         np.asarray((255 * g * cdtf(frame / 255)).round().clip(0, 255), np.uint8)
         for frame, g in ((shown.original, 1.0), (shown.embedded, gain))
     ]
-    return Rectified(frames[0], frames[1], layout, KAPPA), bits
+    return Observation.still(frames[0], frames[1], layout, KAPPA), bits
 
 
-def errors(name: str, pair: Rectified, bits: NDArray[np.intp], **options: Any) -> int:
+def errors(name: str, pair: Observation, bits: NDArray[np.intp], **options: Any) -> int:
     return int((make_decoder(name, **options).decode(pair).bits != bits).sum())
 
 
@@ -85,7 +85,7 @@ def test_every_method_reads_a_noise_free_pair_through_a_curved_cdtf(
 both_modulations = pytest.mark.parametrize("modulation", MODULATIONS)
 
 
-def differs(pair: Rectified, scores: Array, name: str, **options: Any) -> bool:
+def differs(pair: Observation, scores: Array, name: str, **options: Any) -> bool:
     return not np.array_equal(make_decoder(name, **options).decode(pair).scores, scores)
 
 
@@ -110,7 +110,7 @@ def test_pilots_need_no_kappa_and_their_places_and_bits_decide(name: str, modula
         assert not differs(replace(pair, kappa=kappa, ratex_kappa=ratex_kappa), scores, name)
     fewer = replace(pair, layout=replace(pair.layout, pilots=8))
     assert differs(fewer, scores, name)
-    swapped = replace(pair, original=pair.embedded, embedded=pair.original)
+    swapped = replace(pair, frames=pair.frames[::-1])
     known = make_decoder(name).decode(swapped).bits  # the pilots tell which way bits change
     np.testing.assert_array_equal(known, bits)
 
@@ -194,7 +194,7 @@ def test_the_intensity_of_chroma_bits_lies_along_their_direction() -> None:
 @both_modulations
 def test_training_samples_are_the_pixels_of_the_pilots(modulation: str) -> None:
     layout = make_layout(3, 5, 53, 47, modulation=modulation, pilots=6)
-    pair = Rectified(*np.zeros((2, 47, 53), np.uint8), layout)
+    pair = Observation.still(*np.zeros((2, 47, 53), np.uint8), layout)
     maps = np.random.default_rng(0).normal(size=(47, 53, 2))
     u, labels = training_samples(pair, maps)
     means = []
@@ -205,7 +205,7 @@ def test_training_samples_are_the_pixels_of_the_pilots(modulation: str) -> None:
     np.testing.assert_array_equal(labels, layout.pilot_bits)
 
 
-def step_pair(changes: NDArray[np.intp], ratex_kappa: int | None = None) -> Rectified:
+def step_pair(changes: NDArray[np.intp], ratex_kappa: int | None = None) -> Observation:
     """Linear capture of gray 100 whose message blocks change by these gray levels, noise-free."""
     layout = make_layout()
     picture = np.full((layout.height, layout.width), 100, np.uint8)
@@ -214,7 +214,7 @@ def step_pair(changes: NDArray[np.intp], ratex_kappa: int | None = None) -> Rect
     grid[layout.message_mask] = changes
     of_pixel = np.kron(grid, np.ones((48, 64), int))
     embedded = (shown.embedded + of_pixel).astype(np.uint8)
-    return Rectified(shown.original, embedded, layout, KAPPA, ratex_kappa)
+    return Observation.still(shown.original, embedded, layout, KAPPA, ratex_kappa)
 
 
 CHANGES = np.arange(59) % 10 - 1  # -1 to 8 gray levels
@@ -237,7 +237,7 @@ def test_two_step_counts_a_fixed_threshold_in_displayed_levels(
 
 def test_two_step_undoes_the_cdtf_before_its_fixed_threshold() -> None:
     pair = step_pair(CHANGES)
-    dimmed = replace(pair, original=pair.original // 2, embedded=pair.embedded // 2)
+    dimmed = replace(pair, frames=(pair.original // 2, pair.embedded // 2))
     soft = make_decoder("two_step", threshold=2.5).decode(dimmed)
     assert np.abs(soft.scores - (CHANGES - 2.5)).max() < 1.1  # halves are rounded down
 
@@ -273,7 +273,7 @@ def test_clusters_follow_the_offset_that_gain_drift_makes() -> None:
 def test_gray_and_equal_colour_channels_give_the_same_scores(name: str) -> None:
     gray, _ = make_pair(hidden=name == "hidden_ratex")
     frames = [np.repeat(f[:, :, None], 3, axis=2) for f in (gray.original, gray.embedded)]
-    colour = replace(gray, original=frames[0], embedded=frames[1])
+    colour = replace(gray, frames=tuple(frames))
     decoder = make_decoder(name)
     expected = decoder.decode(gray).scores
     np.testing.assert_allclose(decoder.decode(colour).scores, expected, rtol=0, atol=TWIN_SCORE)
@@ -442,5 +442,5 @@ def test_oorc_reads_other_grids(layout: Layout) -> None:
     picture = rng.integers(60, 200, (layout.height, layout.width), np.uint8)
     bits = rng.integers(0, 2, layout.n_bits)
     shown = embed(cv2.GaussianBlur(picture, (0, 0), 4), bits, layout, KAPPA)
-    pair = Rectified(shown.original, shown.embedded, layout)
+    pair = Observation.still(shown.original, shown.embedded, layout)
     np.testing.assert_array_equal(make_decoder("oorc").decode(pair).bits, bits)

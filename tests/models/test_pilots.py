@@ -17,8 +17,8 @@ from export.runtime import Decoder
 from export.to_onnx import to_onnx
 from link.embed import embed
 from link.errors import UnsuitedError
-from link.frames import Rectified
 from link.layout import COLOURS, MODULATIONS, Layout, count_pilots, make_layout
+from link.observation import Observation
 from models import PRETRAINED, PRETRAINED_PILOTS, make_decoder, shipped_checkpoint
 from models.phi.checkpoint import load_checkpoint
 from models.phi.config import FULL, DecoderConfig
@@ -36,17 +36,17 @@ def layout_of(grid: tuple[int, int], modulation: str, colour: str = "gray") -> L
     return make_layout(*grid, modulation=modulation, pilots=pilots, colour=colour)
 
 
-def shown_pair(layout: Layout, kappa: int = 5) -> tuple[Rectified, NDArray[np.intp]]:
+def shown_pair(layout: Layout, kappa: int = 5) -> tuple[Observation, NDArray[np.intp]]:
     """A cloudy picture as a camera with a gamma of its own sees it, without noise."""
     grain = np.random.default_rng(0).normal(128, 40, (layout.height // 8, layout.width // 8, 3))
     picture = cv2.resize(grain, (layout.width, layout.height)).clip(0, 255)
     bits = np.random.default_rng(1).integers(0, 2, layout.n_bits)
     shown = embed(picture.astype(np.uint8), bits, layout, kappa)
     curve = (255 * np.linspace(0, 1, 256) ** 0.8).round().astype(np.uint8)
-    return Rectified(curve[shown.original], curve[shown.embedded], layout, kappa), bits
+    return Observation.still(curve[shown.original], curve[shown.embedded], layout, kappa), bits
 
 
-def tensors(pair: Rectified) -> tuple[Tensor, Tensor]:
+def tensors(pair: Observation) -> tuple[Tensor, Tensor]:
     first, second = (
         torch.from_numpy(frame).permute(2, 0, 1).unsqueeze(0)
         for frame in (pair.original, pair.embedded)
@@ -54,11 +54,12 @@ def tensors(pair: Rectified) -> tuple[Tensor, Tensor]:
     return first, second
 
 
-def statistics_of(layout: Layout, batch: int = 2) -> tuple[Tensor, Tensor]:
+def statistics_of(layout: Layout, batch: int = 2) -> tuple[Tensor, Tensor, Tensor]:
     rng = np.random.default_rng(0)
     drawn = torch.from_numpy(rng.uniform(-0.3, 0.3, (batch, layout.message_mask.size, STATISTICS)))
     drawn[..., -2:] = drawn[..., -2:].abs() + 0.1  # the squared gradient and the weight
-    return drawn[:, : layout.pilots], drawn[:, layout.pilots :]
+    scores = torch.from_numpy(rng.standard_normal((batch, layout.n_bits)))
+    return drawn[:, : layout.pilots], drawn[:, layout.pilots :], scores
 
 
 @pytest.mark.parametrize("colour", COLOURS)
@@ -94,10 +95,10 @@ def test_swapped_frames_carry_the_same_bits() -> None:
 def test_a_batch_is_decoded_as_its_pairs_are(modulation: str) -> None:
     layout = layout_of((8, 8), modulation)
     refiner = PilotRefiner(layout, 768.0, rounds=2, rows=True, space=True)
-    pilots, blocks = statistics_of(layout, 3)
+    given = statistics_of(layout, 3)
     with torch.no_grad():
-        together = refiner(pilots, blocks)
-        alone = torch.cat([refiner(pilots[i : i + 1], blocks[i : i + 1]) for i in range(3)])
+        together = refiner(*given)
+        alone = torch.cat([refiner(*(each[i : i + 1] for each in given)) for i in range(3)])
     assert together.shape == (3, layout.n_bits)
     torch.testing.assert_close(together, alone, rtol=0, atol=FLOAT64)
 

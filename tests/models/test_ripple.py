@@ -10,8 +10,8 @@ from torch import Tensor
 from torch.nn.functional import conv2d, conv_transpose2d, pad
 
 from link.embed import embed
-from link.frames import Rectified
 from link.layout import make_layout
+from link.observation import Observation
 from link.types import Array
 from models import PRETRAINED_PILOTS
 from models.phi.checkpoint import load_checkpoint
@@ -112,7 +112,7 @@ def test_coarse_grids_have_no_room_for_it() -> None:
     assert decoder.refiner.ripple is None
 
 
-def moire_pair(amplitude: float) -> tuple[Rectified, NDArray[np.intp]]:
+def moire_pair(amplitude: float) -> tuple[Observation, NDArray[np.intp]]:
     """A cloudy picture, with noise, and a wave in its embedded frame that perspective bends."""
     rng = np.random.default_rng(0)
     layout = make_layout(48, 64, modulation="antipodal", pilots="auto")
@@ -126,7 +126,7 @@ def moire_pair(amplitude: float) -> tuple[Rectified, NDArray[np.intp]]:
         (frame + more + rng.normal(0, 4, frame.shape)).round().clip(0, 255).astype(np.uint8)
         for frame, more in ((shown.original, 0.0), (shown.embedded, moire))
     ]
-    return Rectified(frames[0], frames[1], layout, 3), bits
+    return Observation.still(frames[0], frames[1], layout, 3), bits
 
 
 def test_moire_that_moves_is_read_through() -> None:

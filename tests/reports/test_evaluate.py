@@ -12,8 +12,9 @@ from tolerances import FLOAT64
 import evaluate
 from data_gen.frame_pair import Cell, Source
 from data_gen.pairs import PAIRS
-from link.frames import Rectified, SoftBits
+from link.frames import SoftBits
 from link.layout import Layout, make_layout
+from link.observation import Observation
 from reports.engine import predict as engine
 from reports.engine.backends import Backend
 from reports.engine.checked import seal
@@ -433,7 +434,7 @@ def decided(layout: Layout, *ones: int) -> SoftBits:
 
 
 def test_annotated_frames_are_green_where_right_red_where_wrong_blue_where_unknown(
-    rectified: Rectified,
+    rectified: Observation,
 ) -> None:
     layout = rectified.layout
     truth = np.zeros(layout.n_bits, np.intp)
@@ -448,20 +449,22 @@ def test_annotated_frames_are_green_where_right_red_where_wrong_blue_where_unkno
         assert tuple(panel[top + 2, left + 2]) == colour
 
 
-def test_everything_is_unknown_without_the_truth(rectified: Rectified) -> None:
+def test_everything_is_unknown_without_the_truth(rectified: Observation) -> None:
     panel = annotate(rectified, decided(rectified.layout))[:, 2 * 512 :]
     for row, col in np.argwhere(rectified.layout.message_mask):
         top, bottom, left, right = rectified.layout.cell_box(row, col)
         assert tuple(panel[top + 2, left + 2]) == tuple(panel[bottom - 3, right - 3]) == UNKNOWN
 
 
-def test_panels_show_the_original_the_change_and_the_bits(rectified: Rectified) -> None:
+def test_panels_show_the_original_the_change_and_the_bits(rectified: Observation) -> None:
     layout = rectified.layout
     picture = annotate(rectified, decided(layout, 1))
     assert np.array_equal(picture[:, :512], rectified.original)
     change, panel = picture[:, 512:1024], picture[:, 1024:]
     assert abs(np.median(change.astype(int)) - 128) <= 8
-    same = annotate(Rectified(rectified.original, rectified.original, layout), decided(layout))
+    same = annotate(
+        Observation.still(rectified.original, rectified.original, layout), decided(layout)
+    )
     assert np.all(same[:, 512:1024] == 128)
     for row, col in layout.ratex:  # left as they are
         top, bottom, left, right = layout.cell_box(row, col)
@@ -479,6 +482,6 @@ def test_panels_show_the_original_the_change_and_the_bits(rectified: Rectified) 
 def test_small_and_gray_frames_are_annotated_large_and_in_colour() -> None:
     layout = make_layout(4, 4, 128, 96, 2)
     frame = np.full((96, 128), 100, np.uint8)
-    picture = annotate(Rectified(frame, frame, layout), decided(layout))
+    picture = annotate(Observation.still(frame, frame, layout), decided(layout))
     assert picture.shape == (384, 3 * 512, 3)
     assert np.all(picture[:, :512] == 100)

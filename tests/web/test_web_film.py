@@ -9,10 +9,10 @@ from tolerances import FILM_SCORE, FLOAT32_SUM
 
 from export.film_graph import FilmGraph
 from export.parity import synthetic_window
-from link.clock import DisplayClock
 from link.presets import PRESETS
 from models import FILM_GRAPH
-from receiver.reading.film import MOST_PAIRS, FilmDesk, shrunk_gray
+from models.film.window import shrunk_gray
+from receiver.reading.film import MOST_PAIRS, FilmDesk
 from receiver.reading.states import MESH, RectifiedFrame
 
 LAYOUT = PRESETS["robust"].layout
@@ -24,9 +24,9 @@ def film_of(frames=40, seed=2, gap_s=0.0):
     After half of them none come for ``gap_s`` seconds.
     """
     rng = np.random.default_rng(seed)
-    window, _ = synthetic_window(LAYOUT, rng, frames, noise=10.0)
-    shown = []
-    for number, (gray, time) in enumerate(zip(window.frames[:, 0], window.times, strict=True)):
+    window = synthetic_window(LAYOUT, rng, frames, noise=10.0)
+    grays, shown = window.observation.frames, []
+    for number, (gray, time) in enumerate(zip(grays, window.times, strict=True)):
         image = np.repeat(np.repeat(gray.clip(0, 255).astype(np.uint8), 2, 0), 2, 1)
         in_view = None
         if number % 5 == 0:
@@ -34,23 +34,23 @@ def film_of(frames=40, seed=2, gap_s=0.0):
             in_view[:, :3] = False
         late = gap_s if number >= frames // 2 else 0.0
         shown.append(RectifiedFrame(float(time) + late, image, in_view))
-    return shown, DisplayClock(*window.clock.tolist())
+    return shown, window.clock
 
 
 class Counting(FilmGraph):
     """The film decoder, which notes how many frame pairs each window held."""
 
-    def score(self, window):
-        self.counts = [*getattr(self, "counts", []), window.count]
-        return super().score(window)
+    def decode(self, observation):
+        self.counts = [*getattr(self, "counts", []), observation.mixture.count]
+        return super().decode(observation)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("gap_s", [0.0, 20.0])
 def test_windows_are_scored_as_by_python(port, gap_s):
     shown, clock = film_of(gap_s=gap_s)
-    scorer = Counting(FILM_GRAPH, 1)
-    desk = FilmDesk(LAYOUT, scorer, 64)
+    decoder = Counting(FILM_GRAPH, 1)
+    desk = FilmDesk(LAYOUT, decoder, 64)
     graph = port("export/filmGraph.js").FilmGraph(FILM_GRAPH.read_bytes())
     ported = port("receiver/reading/film.js").FilmDesk(LAYOUT, graph, 64)
     ported_clock = port("link/clock.js").DisplayClock(*astuple(clock))
@@ -74,7 +74,7 @@ def test_windows_are_scored_as_by_python(port, gap_s):
             compared += 1
         waiting = waiting[len(known) :]
     assert compared >= 5
-    assert max(scorer.counts) <= MOST_PAIRS
+    assert max(decoder.counts) <= MOST_PAIRS
 
 
 def test_frames_are_shrunk_as_by_python(port):

@@ -29,7 +29,7 @@ SHARED = [
     for place in (
         "link/[a-z]*",
         "link/*/*",
-        "export/film_graph",
+        "models/film/window",
         "receiver/**/*",
         "sender/compact",
         "web/host/tables",

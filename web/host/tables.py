@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from export.film_graph import reads_films
 from link.code.framing import longest_message
 from link.embed import levels_by_step, with_head_room
 from link.layout import Layout
 from link.presets import Preset, needed_camera_fps
 from link.ratex import TILES, shown_levels, tile_labels, tile_levels
+from models.film.window import reads_films
 from receiver.locate.patches import DRAWN_KAPPA
 from receiver.locate.spots import template_bank
 from sender.compact import Compact, rule_page

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from export.film_graph import FilmScorer
 from link import __version__
 from link.code.authenticate import Verifier
 from link.errors import InputError, ParameterError
@@ -20,7 +19,7 @@ from link.frames import check_same_size
 from link.geometry import as_corners
 from link.images.video import check_fps
 from models import find_graph
-from receiver.decoders import PairDecoder, open_decoders
+from receiver.decoders import PairDecoder, WindowDecoder, open_decoders
 from receiver.events import (
     ClockEvent,
     DisplayEvent,
@@ -172,6 +171,8 @@ def read_pair(
 
 
 @cache
-def _decoders(models: tuple[str, ...], threads: int) -> tuple[list[PairDecoder], FilmScorer | None]:
+def _decoders(
+    models: tuple[str, ...], threads: int
+) -> tuple[list[PairDecoder], WindowDecoder | None]:
     """Open decoders once: receivers that are made later share them."""
     return open_decoders([find_graph(name) for name in models], threads)

@@ -13,7 +13,7 @@ import { Layout } from "../port/link/layout.js";
 import { inTurn } from "./inTurn.js";
 import { addressOf, load } from "./site.js";
 
-/** @import { FilmWindow } from "../port/export/filmGraph.js" */
+/** @import { Observation } from "../port/export/filmGraph.js" */
 
 /** @type {Decoder[]} */
 const decoders = [];
@@ -42,13 +42,13 @@ const functions = {
   /**
    * Score the frame pairs of a window of film.
    *
-   * @param {FilmWindow} window
+   * @param {Observation} observation
    * @returns {Promise<Float32Array>}
    */
-  score: (window) =>
+  decodeFilm: (observation) =>
     inTurn(() => {
       if (film === null) throw new Error("the film decoder is not loaded yet");
-      return film.score(window);
+      return film.decode(observation);
     }),
 
   /**

@@ -61,8 +61,11 @@ export class RemoteDecoder {
  * Make a film decoder whose graph runs in another worker.
  *
  * @param {Remote<Decoding>} decoding - functions of the worker
- * @returns {import("../port/export/filmGraph.js").FilmScorer}
+ * @returns {import("../port/export/filmGraph.js").WindowDecoder}
  */
 export function remoteFilm(decoding) {
-  return { load: () => decoding.loadFilm(), score: (window) => decoding.score(window) };
+  return {
+    load: () => decoding.loadFilm(),
+    decode: (observation) => decoding.decodeFilm(observation),
+  };
 }

@@ -20,7 +20,7 @@ import { MAX_RECORDED_BYTES, recordingFile } from "./recording.js";
 import { RemoteDecoder, remoteFilm, startDecoding } from "./remoteDecoder.js";
 import { addressOf, load } from "./site.js";
 
-/** @import { FilmScorer } from "../port/export/filmGraph.js" */
+/** @import { WindowDecoder } from "../port/export/filmGraph.js" */
 /** @import { Pixels } from "./frames.js" */
 /** @import { Step } from "./protocol.js" */
 /** @import { Message } from "../port/link/code/message.js" */
@@ -33,7 +33,7 @@ const WARM_MS = 800;
 const presets = new Map();
 /** @type {RemoteDecoder[]} */
 const decoders = [];
-/** Decodes windows of film. @type {FilmScorer | null} */
+/** Decodes windows of film. @type {WindowDecoder | null} */
 let filmScorer = null;
 /** What is read to get ready; null before it is loaded. @type {WarmFilm | null} */
 let warmFilm = null;

@@ -17,6 +17,6 @@ type Quad = import("./receiver/locate/quads.js").Quad;
 /** A search that yields units of work and returns a result. */
 type Steps<Result> = import("./link/code/steps.js").Steps<Result>;
 /** When the display shows which state. */
-type DisplayClock = import("./receiver/pilots/clock.js").DisplayClock;
+type DisplayClock = import("./link/clock.js").DisplayClock;
 /** The code of the order in which a display shows its states. */
 type PilotCode = import("./link/pilotCode.js").PilotCode;

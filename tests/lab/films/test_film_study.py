@@ -2,17 +2,9 @@
 
 from dataclasses import replace
 
-import numpy as np
-
-from export.parity import synthetic_window
-from lab.films.baselines import FilmBaseline
 from lab.films.film import METHODS, FilmContent, Reading, film_blocks
 from lab.study import Results
-from link.layout import make_layout
 from reports.score.reliability import Bin
-
-WELL_READ = 0.99
-"""Least share of right bits of a film with little noise."""
 
 
 def test_what_frame_pairs_do_not_read_has_dashes() -> None:
@@ -29,11 +21,3 @@ def test_what_frame_pairs_do_not_read_has_dashes() -> None:
     )
     assert told[2:] == ["1", "0.531", "0.000", "0.531", "0.531", "0.531", "–", "– – –"]
     assert errors[2:] == 5 * ["10.00"] + ["0.020", "–", "0.020", "0.020", "0.020"]
-
-
-def test_baselines_read_a_film_that_is_easy() -> None:
-    layout = make_layout(24, 32, modulation="antipodal", pilots="auto")
-    window, bits = synthetic_window(layout, np.random.default_rng(0), frames=24, noise=2.0)
-    for baseline in (FilmBaseline(), FilmBaseline(degree=1, smooth=True)):
-        decided = baseline.score(window)[1:-1, layout.message_mask] > 0
-        assert (decided == bits[1:-1]).mean() > WELL_READ

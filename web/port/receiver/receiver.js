@@ -15,7 +15,7 @@ import { Sight, StageTimes } from "./sight.js";
 import { Tracker } from "./tracking/patches.js";
 import { PilotTracker } from "./tracking/pilots.js";
 
-/** @typedef {import("../export/filmGraph.js").FilmScorer} FilmScorer */
+/** @typedef {import("../export/filmGraph.js").WindowDecoder} WindowDecoder */
 /** @typedef {import("./reading/pairs.js").PairDecoder} PairDecoder */
 /** @typedef {import("./reading/reader.js").Reading} Reading */
 /** @typedef {import("./reading/reader.js").Tracked} Tracked */
@@ -54,7 +54,7 @@ export class Receiver {
    * @param {number} [fps] - nominal number of frames of the camera in a second
    * @param {number} [frameMs] - time, in milliseconds, after which a search begins no step with a
    *   frame, for a camera that does not wait
-   * @param {FilmScorer | null} [film] - decodes windows of film where the layout and the picture
+   * @param {WindowDecoder | null} [film] - decodes windows of film where the layout and the picture
    *   allow it; null where all is read by frame pairs
    * @param {boolean} [mayRest] - whether frames may be passed over where no display has been seen for
    *   long (`Rests`)

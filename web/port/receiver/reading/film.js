@@ -5,18 +5,19 @@
  * decoder (filmGraph.js), and takes back the scores of all frame pairs that ended in it.
  */
 
-import { exportFilmGraph, receiverReadingFilm } from "../../../generated/constants.js";
+import { modelsFilmWindow, receiverReadingFilm } from "../../../generated/constants.js";
 import { rowsOf } from "../../image/opencv.js";
 import { areaMeans } from "../../image/shrink.js";
+import { mixtureOfExposures } from "../../link/observation.js";
 import { expectedChanges } from "../../link/pilots.js";
 import { MESH } from "./states.js";
 
-/** @typedef {import("../../export/filmGraph.js").FilmScorer} FilmScorer */
+/** @typedef {import("../../export/filmGraph.js").WindowDecoder} WindowDecoder */
 /** @typedef {import("./states.js").RectifiedFrame} RectifiedFrame */
 
 export const { WINDOW, LEAST_FRAMES, FINE_BLOCKS, STRIDE_S, VAGUE } = receiverReadingFilm;
 const { FINE_WINDOW, MISSED, FRESH_FRAMES, MOST_PAIRS } = receiverReadingFilm;
-const { SHRINK } = exportFilmGraph;
+const { SHRINK } = modelsFilmWindow;
 
 /**
  * What is kept of a camera frame: its time, the shrunk gray levels of the rectified display, and 1
@@ -38,7 +39,7 @@ export class FilmDesk {
 
   /**
    * @param {Layout} layout - of the display, which `readsFilms`
-   * @param {FilmScorer} scorer - the film decoder
+   * @param {WindowDecoder} scorer - the film decoder
    * @param {number} kept - number of frames that wait at most
    */
   constructor(layout, scorer, kept) {
@@ -119,16 +120,13 @@ export class FilmDesk {
     const last = Math.max(...spans.slice(begin, end).map((span) => span[1]));
     const over = end === frames.length ? Infinity : clock.number(now + clock.earliest) / 2;
     const done = numbers.filter((number) => number <= Math.min(last, over - 1));
-    const pairs = Array.from({ length: last + 1 - first }, (_, at) => first + at);
+    const times = window.map(({ time }) => time);
     const { rows, cols, width, height, messageBlocks } = this.#layout;
-    const scores = await this.#scorer.score({
+    const scores = await this.#scorer.decode({
       frames: rowsOf(window.map(({ gray }) => gray)).data,
       seen: rowsOf(window.map(({ seen }) => seen)).data,
       known: this.#known,
-      times: Float64Array.from(window, ({ time }) => time),
-      clock: clock.numbers,
-      pairs,
-      order: Float32Array.from(pairs, (pair) => this.#layout.code.sign(pair)),
+      mixture: mixtureOfExposures(clock, times, this.#layout, first, last + 1 - first),
       size: [window.length, Math.floor(height / SHRINK), Math.floor(width / SHRINK), rows, cols],
     });
     this.#scoredAt = now;

@@ -15,7 +15,7 @@ import { Synchroniser } from "../timing/synchronise.js";
 import { makeToggles } from "../timing/toggles.js";
 import { CornerShift } from "../tracking/corners.js";
 
-/** @typedef {import("../../export/filmGraph.js").FilmScorer} FilmScorer */
+/** @typedef {import("../../export/filmGraph.js").WindowDecoder} WindowDecoder */
 /** @typedef {import("../../link/code/message.js").Message} Message */
 /** @typedef {import("../tracking/patches.js").Tracked} Tracked */
 /** @typedef {import("../sight.js").Sight} Sight */
@@ -88,7 +88,7 @@ export class DisplayReader {
    * @param {number} fps - nominal number of frames of the camera in a second
    * @param {StageTimes} timing - takes the time spent in each stage
    * @param {Sight} sight - takes what the frames show
-   * @param {FilmScorer | null} [film] - decodes windows of film where the layout and the picture
+   * @param {WindowDecoder | null} [film] - decodes windows of film where the layout and the picture
    *   allow it; null where all is read by frame pairs
    */
   constructor(decoder, fps, timing, sight, film = null) {

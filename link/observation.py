@@ -1,0 +1,162 @@
+"""What decoders take: rectified frames, what each exposure mixes, and what is known of the bits.
+
+A display shows frame pairs, the two states of each one after the other. An exposure of a camera may
+fall into one state, or mix those of up to `SLOTS` frame pairs. With x_p in {-1, 1} the bit of frame
+pair p at a block, and s_tp half the difference of the shares that its embedded and its original
+state have of the exposure of frame t, the frame shows the block changed by sum_p s_tp x_p times the
+strength of the signal. A still frame pair is the case of two frames with shares -1/2 and 1/2.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from link.clock import DisplayClock, exposure_share
+from link.errors import UnsuitedError
+from link.layout import Layout
+from link.pilots import expected_changes
+from link.types import Array, Image, Map
+
+SLOTS = 3
+"""Largest number of frame pairs that one exposure mixes: two states of the slowest camera that
+reads anything, and as much again for rows that are exposed and written one after the other."""
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """Which frame pairs each exposure mixes, and in which shares."""
+
+    shares: Map
+    """(T, S, rows, cols) float32 half differences of the shares that the embedded and the original
+    state of a frame pair have of an exposure, in [-1/2, 1/2]; 0 in slots that no pair fills."""
+    pair: NDArray[np.int64]
+    """(T, S) place among the pairs of the one that fills each slot of a frame; -1 for none."""
+    count: int
+    """Number P of frame pairs."""
+
+
+@dataclass(frozen=True)
+class Observation:
+    """T rectified frames of one display, and all that is known beside them."""
+
+    frames: tuple[Image | Map, ...]
+    """T frames of one shape: each an `Image`, or float32 (h, w) gray levels in [0, 255]."""
+    layout: Layout
+    """Grid of blocks, ratex patches and pilots that the frames show."""
+    mixture: Mixture
+    """What each exposure mixes."""
+    seen: Map | None = None
+    """(T, rows, cols) float32, 1 where a frame shows a block, else 0; None where all are seen."""
+    kappa: int | None = None
+    """Gray levels added where the bit is 1; None where the receiver does not know it."""
+    ratex_kappa: int | None = None
+    """Gray levels added in ratex tiles of label 1; None where it is ``kappa``, or unknown."""
+
+    @classmethod
+    def still(
+        cls,
+        original: Image,
+        embedded: Image,
+        layout: Layout,
+        kappa: int | None = None,
+        ratex_kappa: int | None = None,
+    ) -> "Observation":
+        """Make the observation of one frame pair, of which each frame shows one state.
+
+        Args:
+            original: an `Image`, the rectified original frame.
+            embedded: an `Image` of the shape of ``original``.
+            layout: grid that the frames show.
+            kappa: gray levels added where the bit is 1, if they are known.
+            ratex_kappa: gray levels added in ratex tiles of label 1; ``kappa`` where absent.
+
+        >>> from link.layout import make_layout
+        >>> gray = np.zeros((384, 512), np.uint8)
+        >>> seen = Observation.still(gray, gray, make_layout())
+        >>> seen.mixture.shares[:, 0, 0, 0].tolist(), seen.mixture.count
+        ([-0.5, 0.5], 1)
+        """
+        shares = np.full((2, 1, layout.rows, layout.cols), 0.5, np.float32)
+        shares[0] = -0.5
+        mixture = Mixture(shares, np.zeros((2, 1), np.int64), 1)
+        return cls((original, embedded), layout, mixture, None, kappa, ratex_kappa)
+
+    @property
+    def is_pair(self) -> bool:
+        """Whether it is one still frame pair."""
+        return len(self.frames) == 2 and self.mixture.count == 1 and self.seen is None
+
+    @property
+    def original(self) -> Image:
+        """The first frame of a still frame pair.
+
+        Raises:
+            UnsuitedError: it is a film.
+        """
+        return self._frame_of_pair(0)
+
+    @property
+    def embedded(self) -> Image:
+        """The second frame of a still frame pair.
+
+        Raises:
+            UnsuitedError: it is a film.
+        """
+        return self._frame_of_pair(1)
+
+    def _frame_of_pair(self, number: int) -> Image:
+        if not self.is_pair:
+            raise UnsuitedError(f"it reads frame pairs, and this is {len(self.frames)} frames")
+        frame: Image = np.asarray(self.frames[number], np.uint8)
+        return frame
+
+    @property
+    def ratex_toggle(self) -> int | None:
+        """Gray levels by which ratex tiles of label 1 toggle, where the receiver knows it."""
+        return self.kappa if self.ratex_kappa is None else self.ratex_kappa
+
+    @property
+    def known(self) -> Map:
+        """What is known of the bits: (rows, cols) float32, -1 or 1 for pilots, 0 for the others."""
+        return expected_changes(self.layout).astype(np.float32)
+
+    @property
+    def blocks_seen(self) -> Map:
+        """(T, rows, cols) float32, 1 where a frame shows a block, else 0."""
+        if self.seen is not None:
+            return self.seen
+        return np.ones((len(self.frames), self.layout.rows, self.layout.cols), np.float32)
+
+
+def mixture_of_exposures(
+    clock: DisplayClock, times: Array, layout: Layout, first: int, count: int
+) -> Mixture:
+    """Work out what each exposure of a film mixes.
+
+    Args:
+        clock: says when the display shows which state.
+        times: (T,) times of the frames, seconds.
+        layout: grid of the blocks, and the code by which the states of frame pairs are ordered.
+        first: number of the first frame pair that is asked for.
+        count: number of frame pairs that are asked for.
+
+    >>> from link.layout import make_layout
+    >>> layout, clock = make_layout(2, 2, ratex=0), DisplayClock(0.1, 0.0, 0.0, 0.0, 0.1)
+    >>> mixture = mixture_of_exposures(clock, np.array([0.0, 0.15]), layout, first=0, count=1)
+    >>> mixture.shares[:, 0, 0, 0].round(2).tolist(), mixture.pair[:, 0].tolist()
+    ([-0.5, 0.25], [0, 0])
+    """
+    x, y = ((2 * np.arange(n) + 1) / (2 * n) for n in (layout.cols, layout.rows))
+    delays = clock.delay_x * x + clock.delay_y * y[:, None]  # (rows, cols)
+    begins = (times[:, None, None] + delays - clock.start) / clock.period  # (T, rows, cols)
+    numbers = np.floor(begins.min((1, 2)) / 2)[:, None] + np.arange(SLOTS)  # (T, S)
+    since = begins[:, None] - 2 * numbers[:, :, None, None]  # (T, S, rows, cols)
+    length = clock.shutter / clock.period
+    shares = (exposure_share(since - 1, length) - exposure_share(since, length)) / 2
+    pair = numbers.astype(np.int64) - first
+    asked = (pair >= 0) & (pair < count)
+    ways = asked * layout.code.signs[numbers.astype(np.int64) % layout.code.period]
+    return Mixture(
+        (shares * ways[:, :, None, None]).astype(np.float32), np.where(asked, pair, -1), count
+    )

@@ -1,0 +1,66 @@
+/** What each exposure of a film mixes of the display's frame pairs, as link/observation.py has it. */
+
+import { observation } from "../../generated/constants.js";
+
+const { SLOTS } = observation;
+
+/**
+ * Which frame pairs each exposure mixes, and in which shares.
+ *
+ * @typedef {object} Mixture
+ * @property {Float32Array} shares - (T, SLOTS, rows, cols) half differences of the shares that the
+ *   embedded and the original state of a frame pair have of an exposure, in [-1/2, 1/2]; 0 in slots
+ *   that no pair fills
+ * @property {BigInt64Array} pair - (T, SLOTS) place among the pairs of the one that fills each slot of
+ *   a frame; -1 for none
+ * @property {number} count - of frame pairs
+ */
+
+/**
+ * Work out the share that a state has of an exposure.
+ *
+ * @param {number} begin - by how many states' time the exposure begins after the state does
+ * @param {number} length - duration of the exposure, in states
+ */
+function exposureShare(begin, length) {
+  const inside = Math.min(begin + length, 1) - Math.max(begin, 0);
+  return Math.min(Math.max(inside / length, 0), 1);
+}
+
+/**
+ * Work out what each exposure of a film mixes.
+ *
+ * @param {DisplayClock} clock - says when the display shows which state
+ * @param {readonly number[]} times - of the frames, seconds
+ * @param {Layout} layout - grid of the blocks, and the code that orders the states of frame pairs
+ * @param {number} first - number of the first frame pair that is asked for
+ * @param {number} count - number of frame pairs that are asked for
+ * @returns {Mixture}
+ */
+export function mixtureOfExposures(clock, times, { rows, cols, code }, first, count) {
+  const blocks = rows * cols;
+  const length = clock.shutter / clock.period;
+  const shares = new Float32Array(times.length * SLOTS * blocks);
+  const pair = new BigInt64Array(times.length * SLOTS).fill(-1n);
+  const begins = new Float64Array(blocks);
+  times.forEach((time, frame) => {
+    for (let at = 0; at < blocks; at++) {
+      const delayX = (clock.delayX * (2 * (at % cols) + 1)) / (2 * cols);
+      const delayY = (clock.delayY * (2 * Math.floor(at / cols) + 1)) / (2 * rows);
+      begins[at] = (time + (delayX + delayY) - clock.start) / clock.period;
+    }
+    const earliest = Math.floor(begins.reduce((least, begin) => Math.min(least, begin)) / 2);
+    for (let slot = 0; slot < SLOTS; slot++) {
+      const number = earliest + slot;
+      if (number < first || number >= first + count) continue;
+      pair[frame * SLOTS + slot] = BigInt(number - first);
+      const way = code.sign(number) / 2;
+      const from = (frame * SLOTS + slot) * blocks;
+      for (let at = 0; at < blocks; at++) {
+        const since = begins[at] - 2 * number;
+        shares[from + at] = way * (exposureShare(since - 1, length) - exposureShare(since, length));
+      }
+    }
+  });
+  return { shares, pair, count };
+}
