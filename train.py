@@ -3,9 +3,13 @@
 Episodes come from the simulated channel. Each round warps and re-lights them anew. Each step fits
 the head of every frame pair to its ratex patches or pilots, and backpropagates the cross-entropy of
 the message bits through that fit.
+
+python train.py --films trains the decoder of films (`reports.film_training`); with --help it lists
+its flags.
 """
 
 import json
+import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -38,12 +42,13 @@ from models.phi.training import (
 from reports.engine.digest import code_digest
 from reports.engine.records import write_lines
 from reports.evaluation.trained import FinalTest, export_and_evaluate
+from reports.film_training import FilmTrainConfig, train_films
 from reports.run import claim_folder
 
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """Train on one camera-display pair, or on all nine with --pair all."""
+    """Train on one pair, or on all nine with --pair all; --films trains the decoder of films."""
 
     pair: str = "canon-lg"
     """Camera and display, such as canon-lg, or "all"."""
@@ -96,6 +101,9 @@ LOOP_VERSION = 2
 
 def main() -> None:
     """Simulate, train, export, evaluate."""
+    if "--films" in sys.argv[1:]:
+        train_films(read_flags(lambda: tyro.cli(FilmTrainConfig)))
+        return
     config = read_flags(lambda: tyro.cli(TrainConfig))
     check_training(config)
     pairs = tuple(PAIRS) if config.pair == "all" else (get_pair(config.pair).name,)

@@ -14,18 +14,11 @@ from typing import Any
 import pandas as pd
 
 from data_gen.film.codec import through_codec
+from data_gen.film.message import FilmSettings, Take, check_settings, film_message
 from data_gen.pairs import PAIRS, pair_names
 from export.film_graph import FilmGraph
 from export.runtime import OWN_TIME_LIMIT_S, Decoder
-from lab.films.trial import (
-    Delivery,
-    FilmReading,
-    FilmSettings,
-    Take,
-    check_filmed,
-    check_settings,
-    film_message,
-)
+from lab.films.trial import Delivery, FilmReading, check_filmed, graph_of
 from lab.study import Results, Study, StudyFlags, Workshop
 from link.errors import at_least
 from link.presets import PRESETS
@@ -76,7 +69,7 @@ def deliver(take: Take) -> dict[str, Any]:
     """
     one_thread()
     filmed = film_message(take)
-    decoder = Decoder(take.model, 1, OWN_TIME_LIMIT_S)
+    decoder = Decoder(graph_of(take), 1, OWN_TIME_LIMIT_S)
     reading = FilmReading(filmed, decoder, FilmGraph(FILM_GRAPH, 1))
     for frame in through_codec(filmed.frames, take.settings.codec, take.settings.fps):
         reading.push(frame)
@@ -102,7 +95,7 @@ def deliveries(
         Take(settings, pair, view, run, seed)
         for run, view, pair in product(range(runs), views, pair_names(pairs))
     ]
-    graphs = [takes[0].model, FILM_GRAPH]
+    graphs = [graph_of(takes[0]), FILM_GRAPH]
     found = workshop.each(deliver, {take.name: take for take in takes}, graphs)
     made = [Delivery(**run) for run in found.values()]
     return sorted(made, key=lambda run: (run.pair, run.view_deg, run.run))

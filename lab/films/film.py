@@ -16,11 +16,12 @@ from typing import Any
 import pandas as pd
 
 from data_gen.film.codec import through_codec
+from data_gen.film.message import Take, film_message
 from data_gen.pairs import pair_names
 from export.film_graph import FilmGraph
 from export.runtime import OWN_TIME_LIMIT_S, Decoder
 from lab.films.rates import RatesFlags, check_rates
-from lab.films.trial import FilmReading, Take, film_message
+from lab.films.trial import FilmReading, graph_of
 from lab.study import Results, Study, Workshop
 from link.errors import at_least
 from link.frames import SoftBits
@@ -146,7 +147,7 @@ def read_methods(item: Comparison) -> list[dict[str, Any]]:
     """
     one_thread()
     take, filmed = item.take, film_message(item.take)
-    shipped = Decoder(take.model, 1, OWN_TIME_LIMIT_S)
+    shipped = Decoder(graph_of(take), 1, OWN_TIME_LIMIT_S)
     reference = ReferenceDecoder(take.settings.layout)
     readings = {
         name: FilmReading(filmed, shipped if ships else reference, film() if film else None)
@@ -174,7 +175,7 @@ def measure_films(flags: FilmFlags, workshop: Workshop) -> FilmContent:
         settings = flags.film(name)
         take = Take(settings, pair, view, run, flags.seed)
         items[f"{name} {take.name}"] = Comparison(take, name, flags.states / settings.state_hz)
-    inputs = sorted({item.take.model for item in items.values()})
+    inputs = sorted({graph_of(item.take) for item in items.values()})
     read = workshop.each(read_methods, items, [*inputs, FILM_GRAPH])
     readings = [
         Reading(**{**each, "bins": [Bin(**one) for one in each["bins"]]})

@@ -34,9 +34,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from data_gen.film.message import FilmSettings, MessageFilm, Take, film_message
 from data_gen.pairs import PAIRS
 from lab.films.browser import open_chromium, serve_folder, text_of
-from lab.films.trial import FilmSettings, MessageFilm, Take, film_message
 from lab.films.y4m import read_y4m, write_y4m
 from lab.study import Results, Study, StudyFlags, Workshop
 from link.code.framing import frames_needed

@@ -9,9 +9,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from data_gen.film.message import FilmSettings, check_settings
 from data_gen.pairs import PAIRS
 from lab.films.delivery import ROW_HEADS, deliveries, deliveries_row
-from lab.films.trial import Delivery, FilmSettings, check_filmed, check_settings
+from lab.films.trial import Delivery, check_filmed
 from lab.study import Results, Study, StudyFlags, Workshop
 from link.errors import at_least, choose, each_once
 from reports.render.tables import Table

@@ -7,12 +7,13 @@ import pytest
 from conftest import cases
 
 from data_gen.film.codec import CodecSettings, through_codec
+from data_gen.film.message import FilmSettings, Take, film_message
 from data_gen.film.phone import PhoneSettings
 from data_gen.film.scenes import SceneSettings
 from data_gen.film.stream import VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
 from export.runtime import Decoder
-from lab.films.trial import FilmReading, FilmSettings, Take, film_message
+from lab.films.trial import FilmReading, graph_of
 from link.code.framing import encode
 from link.embed import embed
 from link.layout import make_layout
@@ -58,7 +59,7 @@ def test_a_lens_that_bends_the_display_costs_few_bits() -> None:
     for k in (0.0, -0.1):
         settings = replace(plain, phone=PhoneSettings(distortion=k))
         filmed = film_message(take := Take(settings, "canon-lg", 0.0, 0, 0))
-        reading = FilmReading(filmed, Decoder(take.model))
+        reading = FilmReading(filmed, Decoder(graph_of(take)))
         for frame in filmed.frames:
             reading.push(frame)
             if reading.ended:

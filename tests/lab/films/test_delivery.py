@@ -9,11 +9,12 @@ import pytest
 from conftest import Command, slow
 
 from data_gen.film.codec import CodecSettings
+from data_gen.film.message import FilmSettings, Take
 from data_gen.film.phone import PhoneSettings
 from data_gen.film.scenes import SceneSettings
 from lab import __main__ as lab
 from lab.films import delivery
-from lab.films.trial import Delivery, FilmSettings, Take
+from lab.films.trial import Delivery
 from lab.study import stored_results
 from link.errors import InputError
 from reports.engine.backends import Backend

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from data_gen.film.message import check_settings
 from lab.films.delivery import contrast_of
 from lab.films.rates import (
     SETTINGS,
@@ -13,7 +14,7 @@ from lab.films.rates import (
     label_of_rates,
     rates_blocks,
 )
-from lab.films.trial import Delivery, check_settings
+from lab.films.trial import Delivery
 from lab.study import Results
 from link.errors import InputError
 from link.presets import PRESETS

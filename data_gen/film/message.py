@@ -1,0 +1,207 @@
+"""Films of messages: all that is drawn for one, such as a picture, a room, a pose, and the hand.
+
+`film_message` draws it by the seed, the camera-display pair and the angle of a `Take`.
+"""
+
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from tyro.conf import OmitArgPrefixes
+
+from data_gen.effects import switch_off
+from data_gen.film.codec import CodecSettings
+from data_gen.film.frame import VideoFrame
+from data_gen.film.phone import PhoneSettings
+from data_gen.film.scenes import SceneSettings
+from data_gen.film.stream import VideoSettings, film
+from data_gen.frame_pair import Source, shuffled_pictures
+from data_gen.pairs import get_pair
+from link.code.framing import encode, frames_needed
+from link.embed import check_kappa
+from link.errors import ParameterError, at_least, choose
+from link.layout import Layout
+from link.loop import Loop, LoopStates
+from link.presets import PRESETS
+
+MAX_LOOPS = 100.0
+"""Largest number of loops of the message after which a run may be given up."""
+
+
+@dataclass(frozen=True)
+class FilmSettings:
+    """What is shown, and how it is filmed: a message in a hand-held video (simulated)."""
+
+    kappa: int = 3
+    """Gray levels added to a block that carries a 1."""
+    preset: str = "paper"
+    """Preset whose grid, modulation and pilots or patches the display shows; kappa and rates are
+    those of the other flags."""
+    state_hz: float = 15.0
+    """Number of states that the display shows a second; two of them are a frame pair."""
+    fps: float = 30.0
+    """Number of frames that the camera takes a second."""
+    n_bytes: int = 100
+    """Length of the message, bytes."""
+    pan_px: float = 0.0
+    """Number of pixels by which the picture that carries the message moves to the right from one
+    frame pair to the next, as in a video; 0 for a picture that stands still."""
+    loops: float = 3.0
+    """Number of loops of the message after which a run is given up."""
+    coverage: tuple[float, float] = (0.15, 0.6)
+    """Least and largest share of the image that the display covers; drawn between them."""
+    outside: float = 0.0
+    """Largest share of the picture's width by which a corner lies outside the image."""
+    size: tuple[int, int] = SceneSettings.size
+    """Width and height of a camera frame, pixels."""
+    shutter: float | None = VideoSettings.shutter
+    """Exposure time of each frame, seconds; None for the camera's own."""
+    hand: float = VideoSettings.hand
+    """Motion of the hand relative to the usual."""
+    drop: float = VideoSettings.drop
+    """Probability that a camera frame is lost."""
+    without: tuple[str, ...] = ()
+    """Effects of the channel that are switched off (data_gen/effects.py)."""
+    jitter_s: float = VideoSettings.jitter_s
+    """Standard deviation, in seconds, of how early or late the sensor takes a frame."""
+    phone: OmitArgPrefixes[PhoneSettings] = field(default_factory=PhoneSettings)
+    """What a phone does to the frames before it stores them."""
+    codec: CodecSettings = field(default_factory=CodecSettings)
+    """Codec through which the frames pass."""
+
+    @property
+    def layout(self) -> Layout:
+        """Layout that the display shows."""
+        return choose(PRESETS, self.preset, "preset").layout
+
+    def name(self, seed: int) -> str:
+        """Name of the setting and of the seed of its draws, for files."""
+        rates = f"{self.state_hz:g}hz_{self.fps:g}fps"
+        grid = f"grid{self.layout.rows}" if self.preset == "paper" else self.preset
+        name = f"{grid}_{rates}_kappa{self.kappa}_{self.n_bytes}B_seed{seed}"
+        return "_".join([name, self.camera] if self.camera else [name])
+
+    @property
+    def camera(self) -> str:
+        """What differs from a plain camera with lossless frames, in one word; empty for nothing."""
+        words = [
+            f"{entry.name}{value:g}"
+            for part in (self, self.phone)
+            for entry in fields(part)
+            if part is self.phone
+            or entry.name in ("pan_px", "outside", "shutter", "hand", "drop", "jitter_s")
+            if (value := getattr(part, entry.name)) != entry.default
+        ]
+        words += ["x".join(map(str, self.size))] if self.size != SceneSettings.size else []
+        words += [f"without_{effect}" for effect in self.without]
+        return "_".join([*words, *([self.codec.label] if self.codec.on else [])])
+
+    def video(self, scene: SceneSettings, seconds: float | None = None) -> VideoSettings:
+        """Return the settings of a film of a scene."""
+        return VideoSettings(
+            scene=scene,
+            fps=self.fps,
+            state_hz=self.state_hz,
+            seconds=seconds,
+            shutter=self.shutter,
+            hand=self.hand,
+            drop=self.drop,
+            jitter_s=self.jitter_s,
+            phone=self.phone,
+        )
+
+
+@dataclass(frozen=True)
+class Take:
+    """One film of a message that is to be received."""
+
+    settings: FilmSettings
+    """What is shown, and how it is filmed."""
+    pair: str
+    """Camera-display pair."""
+    view: float
+    """Angle between the camera and the normal of the display, degrees."""
+    run: int
+    """Number of the run among those of the pair and view."""
+    seed: int
+    """Seed of all draws."""
+    split: str = "test"
+    """Split of the pictures from which the message's picture is drawn."""
+
+    @property
+    def name(self) -> str:
+        """Name of the film among those of one setting."""
+        return f"{self.pair} {self.view:g} {self.run}"
+
+
+@dataclass(frozen=True, eq=False)
+class MessageFilm:
+    """A film of a message, drawn and ready to be taken."""
+
+    take: Take
+    """Setting, pair, view and number of the film."""
+    picture: str
+    """Name of the picture that carries the message."""
+    message: bytes
+    """Message that the display sends."""
+    bits: NDArray[np.integer]
+    """Bits of the loop's frame pairs, (loop frames, n_bits) of 0 or 1."""
+    frames: Iterator[VideoFrame]
+    """Frames of at most as many loops as the setting allows; they can be taken once."""
+
+
+def film_message(take: Take) -> MessageFilm:
+    """Draw a message, what carries it, and how it is filmed; no frame is filmed yet."""
+    config = take.settings
+    layout = config.layout
+    grid = layout.rows if config.preset == "paper" else config.preset
+    setting = f"{config.kappa} {grid} {config.state_hz} {config.fps}"
+    key = f"{take.pair} {take.view} {take.run} {setting}"
+    rng = np.random.default_rng([take.seed, zlib.crc32(key.encode())])
+    source = Source(layout, take.split, take.seed, without=config.without)
+    pictures = shuffled_pictures(source)
+    picture = pictures[int(rng.integers(len(pictures)))]
+    message = rng.bytes(config.n_bytes)
+    bits = encode(message, layout.n_bits)
+    shown = [picture.rgb]
+    if config.pan_px:
+        moves = [round(number * config.pan_px) for number in range(len(bits))]
+        shown = [np.roll(picture.rgb, move, axis=1) for move in moves]
+    loop = Loop(
+        layout,
+        config.kappa,
+        bits,
+        lambda: iter(shown),
+        display_size=source.shown_size,
+        even=PRESETS[config.preset].even,
+    )
+    coverage = float(rng.uniform(*config.coverage))
+    outside = float(rng.uniform(0, config.outside)) if config.outside else 0.0
+    scene = SceneSettings(config.size, coverage, pictures=pictures, free=0.03, outside=outside)
+    settings = config.video(scene, config.loops * 2 * len(bits) / config.state_hz)
+    pair, shown_layout = source.pair(take.pair), source.display_layout
+    frames = film(LoopStates(loop), shown_layout, pair, take.view, settings, rng)
+    return MessageFilm(take, picture.name, message, bits, frames)
+
+
+def check_settings(settings: FilmSettings) -> None:
+    """Raise an `InputError` that names the first setting with a wrong value, before any work."""
+    at_least(1, n_bytes=settings.n_bytes)
+    check_kappa(settings.kappa)
+    choose(PRESETS, settings.preset, "preset")
+    frames_needed(settings.n_bytes, settings.layout.n_bits, "n_bytes")
+    if not 0 < settings.loops <= MAX_LOOPS:
+        raise ParameterError(
+            "loops", f"need more than 0 and at most {MAX_LOOPS:g}, got {settings.loops:g}"
+        )
+    least, most = settings.coverage
+    for share in settings.coverage:
+        scene = SceneSettings(settings.size, share)
+        settings.video(scene).check()
+        replace(scene, outside=settings.outside).check()
+    settings.codec.check()
+    switch_off(get_pair("canon-lg"), settings.without)
+    if not least <= most:
+        raise ParameterError("coverage", f"the largest share, {most:g}, is below the least")
