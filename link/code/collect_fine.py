@@ -27,8 +27,8 @@ from link.code.fine import (
 from link.code.likely_terms import likely_terms
 from link.code.message import Content, Message
 from link.code.scores import agreement_of, cut_scores, information_of
-from link.code.steps import Steps
 from link.code.words import NUMBERS
+from link.steps import Steps
 from link.types import Floats
 
 UNSURE = 1e-2

@@ -29,9 +29,9 @@ from link.code.rateless import (
     make_rateless,
 )
 from link.code.scrambled import scrambled
-from link.code.steps import Steps
 from link.code.words import NUMBER_BITS, NUMBERS, WORD, all_words, weigh_words
 from link.errors import ParameterError
+from link.steps import Steps
 from link.types import Floats
 
 MAX_MESSAGE = 2**20

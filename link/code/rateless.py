@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.code.scrambled import scrambled
-from link.code.steps import Steps, run_to_end
+from link.steps import Steps, run_to_end
 from link.types import Floats
 
 MIN_INFORMATION, MAX_INFORMATION = 256, 16384

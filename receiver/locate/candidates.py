@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.code.steps import Steps, run_to_end
 from link.images import as_gray, as_rgb
+from link.steps import Steps, run_to_end
 from link.types import Corners, Image
 from receiver.locate.edges import FEATURES, side_features, snap_to_edges
 from receiver.locate.quads import (
@@ -35,7 +35,7 @@ LINE_QUADS = 70
 CANDIDATES = 20
 """Largest number of candidates that are looked at more closely."""
 LINES_WORK, SIDES_WORK = 45, 25
-"""Units of work (`link.code.steps`) of the quadrilaterals from lines, and of their sides."""
+"""Units of work (`link.steps`) of the quadrilaterals from lines, and of their sides."""
 NEAR = 3.0
 """Log-odds by which a picture may be less likely than the outline of its bezel and still be taken
 for the display."""

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from link.code.steps import Steps, run_to_end
 from link.images import as_gray
 from link.layout import Layout
+from link.steps import Steps, run_to_end
 from link.types import Corners, Image
 from receiver.locate.candidates import (
     LINES_WORK,
@@ -59,7 +59,7 @@ LEAVING_QUADS = 6
 PROMISING_PARTLY = 0.65
 """Mean correlation of the patches in view that is worth aligning where some are out of view."""
 REFINE_WORK, COMBINE_WORK = 20, 15
-"""Units of work (`link.code.steps`) of an alignment, and of combining patches."""
+"""Units of work (`link.steps`) of an alignment, and of combining patches."""
 SAME_PLACE = 0.15
 """Mean distance of two displays' corners, as a share of the diagonal, below which they are at one
 place."""

@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.code.steps import Steps
 from link.geometry import in_image
 from link.layout import Layout
 from link.ratex import TILES, patch_centres, tile_levels
+from link.steps import Steps
 from receiver.locate.quads import distinct, is_sound
 
 PATCH_PX = (8, 11, 15, 20, 27, 37, 50)
@@ -60,7 +60,7 @@ perspective moves it that far."""
 BEND, BENT = 0.2, 9
 """Step of the guessed depths of patches, as a logarithm, and number of guesses."""
 SIZE_WORK = 18
-"""Units of work (`link.code.steps`) of the search for patches of one size."""
+"""Units of work (`link.steps`) of the search for patches of one size."""
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Follow the display from frame to frame; find it again when it was lost.
 
 A part of the display may lie outside the image. A search for a lost display takes the time of many
-frames, so it goes in steps (`link.code.steps`), of which each frame takes some. What it finds
+frames, so it goes in steps (`link.steps`), of which each frame takes some. What it finds
 in the frame with which it began is then looked for once more in the frame at hand.
 """
 
@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.clock import DisplayClock
-from link.code.steps import Steps
 from link.errors import InputError
 from link.geometry import frame_corners
 from link.images import as_gray
 from link.layout import Layout
 from link.ratex import match_patches
+from link.steps import Steps
 from link.types import Corners, Homography, Image
 from receiver.locate.candidates import Located
 from receiver.locate.find import is_at, search_steps
@@ -28,7 +28,7 @@ from receiver.tracking.follow import Follower
 FOLLOWED_CORRELATION = 0.7
 """Smallest `receiver.locate.patches.seen_correlation` of a followed display."""
 QUICK_WORK, SLOW_WORK = 60, 8
-"""Units of work (`link.code.steps`) after which a frame takes no further step of a search: of the
+"""Units of work (`link.steps`) after which a frame takes no further step of a search: of the
 first one after the display was lost or the image has changed, and of later ones, so that there is
 time for other trackers."""
 SAVED_WORK, MOST_SAVED = 4, 600

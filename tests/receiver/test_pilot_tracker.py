@@ -8,8 +8,8 @@ import pytest
 from pilot_films import FINE, MOVING_OUTLINE, OTHER, BlockMeans, filmed, moving_picture
 
 import receiver.tracking.pilots as pilots_module
-from link.code.steps import run_to_end
 from link.presets import PRESETS
+from link.steps import run_to_end
 from link.types import Array, Image
 from receiver.locate.candidates import display_candidates
 from receiver.pilots.search.toggle_map import ToggleMap

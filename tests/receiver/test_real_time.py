@@ -13,8 +13,8 @@ from link.clock import DisplayClock
 from link.code.collect import Collector, Message, make_collector
 from link.code.framing import encode
 from link.code.rateless import ITERATIONS, MAX_COLUMNS, make_rateless
-from link.code.steps import run_to_end
 from link.layout import make_layout
+from link.steps import run_to_end
 from link.types import Array
 from receiver.pilots.motion import GridMaps, MotionEquations
 from receiver.reading.occlusion import median_image

@@ -162,7 +162,7 @@ def test_graphs_of_rateless_codes(port: Port, information: int) -> None:
 
 def test_coded_bits_and_their_message(port: Port) -> None:
     module, message = port("link/code/fine.js"), np.random.default_rng(2).bytes(2500)
-    run_to_end = port("link/code/steps.js").runToEnd
+    run_to_end = port("link/steps.js").runToEnd
     terms = Terms(len(message), 9, mark_of(message))
     ported = module.Terms(terms.n_bytes, terms.frames, terms.mark)
     for signed in (False, True):
@@ -182,7 +182,7 @@ def test_information_is_found_where_python_finds_it(port: Port) -> None:
     """Little, enough and much of the information was received, by every kind of channel."""
     rng, code = np.random.default_rng(3), make_rateless(512)
     ported = port("link/code/rateless.js").makeRateless(512)
-    run_to_end = port("link/code/steps.js").runToEnd
+    run_to_end = port("link/steps.js").runToEnd
     is_found = set()
     for blocks, count, ber in ((1, 900, 0.001), (3, 900, 0.02), (2, 620, 0.02), (18, 2600, 0.1)):
         information = rng.integers(0, 2, (512, blocks), np.uint8)
@@ -200,5 +200,5 @@ def test_information_is_found_where_bits_are_told_beyond_any_number(port: Port) 
     information = np.arange(256, dtype=np.uint8)[:, None] % 2
     llr = 40 * make_rateless(256).encode(information, 700_000).astype(np.float32) - 20
     ported = port("link/code/rateless.js").makeRateless(256)
-    found = port("link/code/steps.js").runToEnd(ported.decodingSteps(llr.reshape(-1), 1))
+    found = port("link/steps.js").runToEnd(ported.decodingSteps(llr.reshape(-1), 1))
     same(found, information.T)

@@ -116,7 +116,7 @@ def test_what_a_code_changes_is_measured_as_by_python(
     rng = np.random.default_rng(1)
     views = rng.normal(90, 9, (len(at), *maps.size[::-1])).astype(np.float32)
     planes = port("receiver/pilots/search/allBlocks.js").blockMaps(LAYOUT)
-    run = port("link/code/steps.js").runToEnd
+    run = port("link/steps.js").runToEnd
     changes = run(ported.changeSteps(planes, list(views), at))
     same(np.array(changes), list(toggling.period_changes(maps, views, at)), PILOT_CHANGE)
     series = port("receiver/pilots/signal.js").overDeviation([view.reshape(-1) for view in views])
@@ -153,7 +153,7 @@ def test_clocks_are_tried_at_shifts_of_a_display(port: Port) -> None:
     found = shifted_togglings(rough_series(views, LAYOUT), blocks, LAYOUT, at.tolist(), 30.0)
     width, height = COARSE_SIZE
     planes = [{"width": width, "height": height, "data": view.reshape(-1)} for view in views]
-    parts, run = port("receiver/pilots/search/parts.js"), port("link/code/steps.js").runToEnd
+    parts, run = port("receiver/pilots/search/parts.js"), port("link/steps.js").runToEnd
     rough = parts.roughSeries(planes, LAYOUT)
     ported = run(parts.shiftedTogglings(rough, blocks.reshape(-1), LAYOUT, at.tolist(), 30.0))
     for one, other in zip(ported, found, strict=True):

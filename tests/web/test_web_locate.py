@@ -106,7 +106,7 @@ def test_corners_move_onto_patches(port: Port, gray: Gray, rng: np.random.Genera
     near, close = (CORNERS + rng.uniform(-off, off, (4, 2)) for off in (12, 2))
     pyramid, ported = image_pyramid(gray), port("receiver/locate/patches.js").imagePyramid(gray)
     steps = port("receiver/locate/align.js").alignSteps(ported, close.tolist(), LAYOUT)
-    aligned = port("link/code/steps.js").runToEnd(steps)
+    aligned = port("link/steps.js").runToEnd(steps)
     same(aligned, align_corners(pyramid, close, LAYOUT), within.ALIGNED_PX)
     corners, seen = corners_on_patches(gray, pyramid, near, LAYOUT)
     found = port("receiver/locate/refine.js").cornersOnPatches(gray, ported, near.tolist(), LAYOUT)

@@ -18,10 +18,10 @@ from pilot_films import (
 )
 from port import Port, differences, same
 
-from link.code.steps import run_to_end
 from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import Layout, make_layout
 from link.pilots import pilot_centres, pilot_signs, pilot_values
+from link.steps import run_to_end
 from link.types import Array
 from receiver.pilots.motion import map_size, moved_corners, without_slope
 from receiver.pilots.search.all_blocks import block_fit, block_maps
@@ -186,7 +186,7 @@ def test_corners_move_by_all_blocks(
     layout: Layout, period: int, slope: float, noise: float, port: Port
 ) -> None:
     """Corners are off by less than a block."""
-    module, run = port("receiver/pilots/search/allBlocks.js"), port("link/code/steps.js").runToEnd
+    module, run = port("receiver/pilots/search/allBlocks.js"), port("link/steps.js").runToEnd
     off = np.array([[2.0, -1.0], [-1.5, 1.0], [1.0, 2.0], [-1.0, -2.0]])
     views = block_views(layout, off, 5 * period, period, slope=slope, noise=noise)
     at = [number + 0.25 * (number % 3 == 0) for number in range(len(views))]
@@ -206,7 +206,7 @@ def test_corners_move_by_all_blocks(
 
 @pytest.mark.parametrize("k", [-0.1, 0.05, 0.0])
 def test_all_blocks_tell_how_a_lens_bends_the_display(port: Port, k: float) -> None:
-    module, run = port("receiver/pilots/search/allBlocks.js"), port("link/code/steps.js").runToEnd
+    module, run = port("receiver/pilots/search/allBlocks.js"), port("link/steps.js").runToEnd
     views, at = block_views(FINE, np.zeros((4, 2)), 16, 4, k=k), list(range(16))
     toggling = port("receiver/pilots/toggling.js").Wave(0.25)
     ported = run(module.blockFitSteps(module.blockMaps(FINE), list(views), at, toggling))

@@ -15,7 +15,7 @@ type Point = import("./link/geometry.js").Point;
 /** Corners of a quadrilateral in order. */
 type Quad = import("./receiver/locate/quads.js").Quad;
 /** A search that yields units of work and returns a result. */
-type Steps<Result> = import("./link/code/steps.js").Steps<Result>;
+type Steps<Result> = import("./link/steps.js").Steps<Result>;
 /** When the display shows which state. */
 type DisplayClock = import("./link/clock.js").DisplayClock;
 /** The code of the order in which a display shows its states. */

@@ -14,10 +14,10 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from link.code.steps import Steps
 from link.geometry import Lens, transform
 from link.layout import Layout
 from link.pilots import pilot_signs
+from link.steps import Steps
 from link.types import Array, Corners, Gray, Map
 from receiver.pilots.motion import (
     UNIT_CORNERS,

@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.code.steps import Steps
 from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import Layout
 from link.pilot_code import PLAIN
 from link.pilots import expected_changes, pilot_values, standing_out
+from link.steps import Steps
 from link.types import Array, Corners, Gray
 from receiver.locate.candidates import display_candidates, leaving_quads
 from receiver.pilots.motion import moved_corners

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from link.code.steps import Steps
 from link.pilots import expected_changes
+from link.steps import Steps
 from link.types import Array
 from receiver.pilots.motion import moved_corners
 from receiver.pilots.search.all_blocks import BlockFit, block_fit, block_maps

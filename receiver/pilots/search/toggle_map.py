@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.code.steps import Steps
 from link.geometry import homography_from_corners, resized_homography, whole_factor
+from link.steps import Steps
 from link.types import Array, Corners, Map
 from receiver.locate.quads import upright
 from receiver.pilots.waves import span_of, waves

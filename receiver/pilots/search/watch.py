@@ -20,7 +20,7 @@ IN_VIEW = 0.75
 CHECKED = (np.indices((8, 8)).reshape(2, -1).T + 0.5) / 8  # (2, 8, 8) -> (64, 2)
 """Places of the reference frame, x and y in [0, 1], that are looked for in the newest one."""
 NEXT_FRAME = 1000
-"""Units of work (`link.code.steps`) of a step of the search after which it needs a frame that has
+"""Units of work (`link.steps`) of a step of the search after which it needs a frame that has
 yet to come: more than there is room for. Any other step is one unit, or two where it takes long."""
 HELD_S, LEAST_HELD = 0.5, 35
 """Time, in seconds, and smallest number of frames for which the newest frames are kept: a display

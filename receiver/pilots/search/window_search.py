@@ -10,8 +10,8 @@ from itertools import product
 
 import numpy as np
 
-from link.code.steps import Steps
 from link.layout import Layout
+from link.steps import Steps
 from link.types import Array
 from receiver.pilots.search.proposals import (
     CANDIDATES,

@@ -13,7 +13,6 @@ from streams import Stream, states_of
 import receiver.tracking.patches as track
 from data_gen.pictures.library import load_pictures
 from export.runtime import Decoder
-from link.code.steps import Steps, run_to_end
 from link.embed import embed
 from link.geometry import (
     check_corners,
@@ -23,6 +22,7 @@ from link.geometry import (
     transform,
 )
 from link.layout import Layout, make_layout
+from link.steps import Steps, run_to_end
 from link.types import Array, Image
 from models import PRETRAINED
 from receiver.locate.candidates import Located

@@ -19,12 +19,12 @@ from pilot_films import (
     pilots_alone,
 )
 
-from link.code.steps import run_to_end
 from link.errors import InputError
 from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import Layout, make_layout
 from link.pilots import pilot_signs
 from link.presets import PRESETS
+from link.steps import run_to_end
 from link.types import Array, Floats, Image
 from receiver.pilots.search import window_search
 from receiver.pilots.search.all_blocks import BlockFit, block_fit, block_maps

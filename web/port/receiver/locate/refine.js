@@ -11,7 +11,7 @@ import {
   seenCorrelation,
 } from "./patches.js";
 import { SLACK, isSound } from "./quads.js";
-import { runToEnd } from "../../link/code/steps.js";
+import { runToEnd } from "../../link/steps.js";
 
 /** @typedef {import("./patches.js").Pyramid} Pyramid */
 /**

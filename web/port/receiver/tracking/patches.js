@@ -2,7 +2,7 @@
  * Follow the display from frame to frame; find it again when it was lost.
  *
  * A part of the display may lie outside the image. A search for a lost display takes the time of
- * many frames, so it goes in steps (link/code/steps.js), of which each frame takes some. What it finds
+ * many frames, so it goes in steps (link/steps.js), of which each frame takes some. What it finds
  * in the frame with which it began is then looked for once more in the frame at hand.
  */
 

@@ -7,7 +7,7 @@
  * Where something toggled like a display and none was sure, the next window takes the picture for one
  * that moves, as a video does, and holds the room still alone.
  *
- * The work is cut into steps finer than Python's (`link/code/steps.js`): no frame takes long.
+ * The work is cut into steps finer than Python's (`link/steps.js`): no frame takes long.
  */
 
 import { receiverPilotsSearchPilotSearch } from "../../../../generated/constants.js";
