@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from link.code.message import Content
 from link.code.rateless import (
@@ -89,25 +89,50 @@ class Terms:
         return make_rateless(8 * self.block_bytes)
 
     def pieces(self) -> NDArray[np.int64]:
-        """Tell the terms in (PIECES,) numbers below 4096; the last 16 bits check the others.
-
-        The mark also scrambles what follows it, so that all numbers change with the message.
-        """
-        told = (self.mark << 20 | self.n_bytes - 1) << NUMBER_BITS | self.frames - 1
-        value = told << 16 | check_of(told)
-        numbers = [value >> NUMBER_BITS * turn & NUMBERS - 1 for turn in reversed(range(PIECES))]
-        return np.asarray(masks_of(np.array([self.mark]))[0] ^ numbers, np.int64)
+        """Tell the terms in (PIECES,) numbers below 4096, as `pieces_of` does."""
+        return np.array(pieces_of(self.mark, self.n_bytes, self.frames))
 
 
-def check_of(told: int) -> int:
-    """Work out the 16 bits that check mark, length and number of frames, which are 56 bits."""
-    return zlib.crc32(told.to_bytes(7, "big")) & 0xFFFF
+def pieces_of(marks: ArrayLike, n_bytes: ArrayLike, frames: ArrayLike) -> list[NDArray[np.int64]]:
+    """Tell many terms in numbers, one for each of the `PIECES` words; the last 16 bits are a check.
+
+    In a row, the numbers are 72 bits: mark (24), length less 1 (20), frames less 1 (12) and check
+    (16). The mark scrambles all numbers after its own, so that they change with the message.
+
+    Args:
+        marks: whole numbers below 2**24.
+        n_bytes: lengths of messages, of a shape that broadcasts with that of the marks.
+        frames: numbers of frames in their loops, of such a shape too.
+
+    Returns:
+        `PIECES` arrays of numbers below 4096, which broadcast with one another.
+    """
+    mark, length, count = np.asarray(marks), np.asarray(n_bytes) - 1, np.asarray(frames) - 1
+    # a CRC is linear, so marks and what follows them are checked each by itself
+    check = checks_of(mark << 32) ^ checks_of(length << NUMBER_BITS | count) ^ checks_of(0)
+    plain = (
+        mark >> 12,
+        mark & 0xFFF,
+        length >> 8,
+        (length & 0xFF) << 4 | count >> 8,
+        (count & 0xFF) << 4 | check >> 12,
+        check & 0xFFF,
+    )
+    masks = np.moveaxis(masks_of(mark), -1, 0)
+    return [number ^ mask for number, mask in zip(plain, masks, strict=True)]
 
 
-def masks_of(marks: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Make the numbers, (N, PIECES) below 4096, by which (N,) marks scramble their pieces."""
-    masks = scrambled(np.arange(PIECES), marks[:, None]) % np.uint64(NUMBERS)
-    masks[:, :2] = 0  # the mark itself
+def checks_of(told: ArrayLike) -> NDArray[np.int64]:
+    """Work out the 16 bits that check 56 bits: mark, length less 1 and number of frames less 1."""
+    values = np.asarray(told, np.int64)
+    sums = [zlib.crc32(value.to_bytes(7, "big")) & 0xFFFF for value in values.ravel().tolist()]
+    return np.array(sums, np.int64).reshape(values.shape)
+
+
+def masks_of(marks: ArrayLike) -> NDArray[np.int64]:
+    """Make the numbers, (..., PIECES) below 4096, by which (...) marks scramble their pieces."""
+    masks = scrambled(np.arange(PIECES), np.asarray(marks)[..., None]) % np.uint64(NUMBERS)
+    masks[..., :2] = 0  # the mark itself
     return np.asarray(masks, np.int64)
 
 
@@ -123,10 +148,10 @@ def read_terms(pieces: NDArray[np.integer], n_bits: int) -> Terms | None:
     """
     mark = int(pieces[0]) << NUMBER_BITS | int(pieces[1])
     value = 0
-    for piece in pieces ^ masks_of(np.array([mark]))[0]:
+    for piece in pieces ^ masks_of(mark):
         value = value << NUMBER_BITS | int(piece)
     told = value >> 16
-    if check_of(told) != value & 0xFFFF:
+    if checks_of(told) != value & 0xFFFF:
         return None
     n_bytes, frames = (told >> NUMBER_BITS & MAX_MESSAGE - 1) + 1, (told & MAX_FRAMES - 1) + 1
     terms = Terms(n_bytes, frames, mark)

@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from link.code.fine import MARK_BYTES, Terms, check_of, fine_frames, masks_of
+from link.code.fine import MARK_BYTES, Terms, fine_frames, masks_of, pieces_of
 from link.code.words import NUMBER_BITS, NUMBERS, over_chance
 from link.types import Floats
 
@@ -44,24 +44,21 @@ def likely_terms(evidence: Floats, n_bits: int) -> Terms | None:
     high, low = (ranked[ranks] for ranked, ranks in zip(order, _ranks(), strict=True))
     marks, score = high << NUMBER_BITS | low, words[0][high] + words[1][low]
     near = score + most[2:].sum() >= needed
-    masks, marks, score = masks_of(marks[near]), marks[near], score[near]
-    score = score + words[2][masks[:, 2]]
+    marks, score = marks[near], score[near]
+    score = score + words[2][masks_of(marks)[:, 2]]  # where a short length has its higher bits: 0
     best = np.argsort(-score, kind="stable")[:MOST_MARKS]
     best = best[score[best] + most[3:].sum() >= needed]
     if best.size == 0:
         return None
-    lengths, frames, length_checks = _usual(n_bits)
-    mark_checks = np.array([check_of(mark << 32) for mark in marks[best].tolist()]) ^ check_of(0)
-    check = mark_checks[:, None] ^ length_checks  # (M, SHORT): a CRC is linear
-    told = (lengths - 1) << 4 | (frames - 1) >> 8, (frames - 1 & 0xFF) << 4 | check >> 12
-    total = np.repeat(score[best][:, None], SHORT, axis=1)
-    for piece, numbers in enumerate((*told, check & 0xFFF), start=3):
-        total += words[piece][numbers ^ masks[best, piece, None]]
+    marks, total = marks[best, None], score[best, None]
+    lengths, frames = _usual(n_bits)
+    for word, numbers in list(zip(words, pieces_of(marks, lengths, frames), strict=True))[3:]:
+        total = total + word[numbers]  # (M, 1) -> (M, SHORT)
     mark, length = np.unravel_index(total.argmax(), total.shape)
     sure = total[mark, length]
     if np.exp(total - sure).sum() - 1 + np.exp(open_terms - sure) > DOUBT:
         return None
-    return Terms(int(lengths[length]), int(frames[length]), int(marks[best[mark]]))
+    return Terms(int(lengths[length]), int(frames[length]), int(marks[mark, 0]))
 
 
 @lru_cache(maxsize=1)
@@ -78,8 +75,7 @@ def _ranks() -> NDArray[np.intp]:
 
 @lru_cache(maxsize=16)
 def _usual(n_bits: int) -> NDArray[np.int64]:
-    """List the lengths of short messages, the frames of their loops, and checks: (3, SHORT)."""
+    """List the lengths of short messages and the frames of their loops: (2, SHORT)."""
     lengths = np.arange(1, SHORT + 1)
-    frames = np.array([fine_frames(length, n_bits) for length in lengths.tolist()])
-    told = (lengths - 1) << NUMBER_BITS | frames - 1
-    return np.stack([lengths, frames, [check_of(value) for value in told.tolist()]])
+    frames = [fine_frames(length, n_bits) for length in lengths.tolist()]
+    return np.stack([lengths, frames])

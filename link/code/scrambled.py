@@ -18,10 +18,10 @@ def scrambled(numbers: NDArray[np.integer], seed: ArrayLike) -> NDArray[np.uint6
 
     Args:
         numbers: (N,) whole numbers.
-        seed: chooses one of many sequences; or (S, 1) of them.
+        seed: chooses one of many sequences; or (..., 1) of them.
 
     Returns:
-        (N,) uint64, or (S, N).
+        (N,) uint64, or (..., N).
     """
     start = (np.atleast_1d(seed).astype(np.uint64) + np.uint64(1)) * np.uint64(_GOLDEN)
     return _mixed(numbers.astype(np.uint64) + start)
