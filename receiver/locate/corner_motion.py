@@ -6,6 +6,9 @@ from numpy.typing import NDArray
 
 from link.types import Homography
 
+UNIT_SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+"""Corners of a display whose sides are 1."""
+
 
 def four_point_homography(
     source: NDArray[np.float64], target: NDArray[np.float64]

@@ -15,7 +15,7 @@ from link.layout import Layout
 from link.ratex import TILES, patch_centres, tile_levels
 from link.robust import reweighted, ridge_solution
 from link.types import Corners
-from receiver.locate.corner_motion import four_point_homography, points_by_corners
+from receiver.locate.corner_motion import UNIT_SQUARE, four_point_homography, points_by_corners
 
 TILE_PX = 4
 """Pixels along each axis of a tile where patches are sought."""
@@ -198,30 +198,29 @@ def corners_from_patches(corners: Corners, found: NDArray[np.float64], layout: L
         pixels of the image.
     """
     nominal = patch_centres(layout)
-    square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     moved = found[:, :2].copy()
     weight = np.clip(found[:, 2], 0.05, 1) ** 8 / PLACE_ERROR**2 * (found[:, 2] != 0)
     ridge = np.eye(8) / SEARCH_ERROR**2
 
     def solve(robust: NDArray[np.float64]) -> NDArray[np.float64]:
         """Two Gauss-Newton steps from the unit square."""
-        at = square.copy()
+        at = UNIT_SQUARE.copy()
         for _ in range(2):
-            H = four_point_homography(square, at)
-            predicted, by_corners = points_by_corners(H, square, at, nominal)
+            H = four_point_homography(UNIT_SQUARE, at)
+            predicted, by_corners = points_by_corners(H, UNIT_SQUARE, at, nominal)
             step = ridge_solution(
                 by_corners.reshape(-1, 8),
                 (moved - predicted).reshape(-1),
                 np.repeat(weight * robust, 2),
                 ridge,
-                pull=-ridge @ (at - square).reshape(-1),
+                pull=-ridge @ (at - UNIT_SQUARE).reshape(-1),
             )
             at = at + step.reshape(4, 2)
         return at
 
     def misfit(at: NDArray[np.float64]) -> NDArray[np.float64]:
-        there = transform(four_point_homography(square, at), nominal)
+        there = transform(four_point_homography(UNIT_SQUARE, at), nominal)
         return np.asarray(np.linalg.norm(moved - there, axis=1))
 
     at, _ = reweighted(solve, misfit, lambda _: 2 * PLACE_ERROR, 4, np.ones(len(moved)))
-    return transform(four_point_homography(square, corners), at)
+    return transform(four_point_homography(UNIT_SQUARE, corners), at)

@@ -13,10 +13,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.geometry import in_image
+from link.geometry import in_image, transform
 from link.layout import Layout
 from link.ratex import TILES, patch_centres, tile_levels
 from link.steps import Steps
+from receiver.locate.corner_motion import UNIT_SQUARE, four_point_homography
 from receiver.locate.quads import distinct, is_sound
 
 PATCH_PX = (8, 11, 15, 20, 27, 37, 50)
@@ -57,8 +58,31 @@ share of its longer side; `receiver.locate.refine.OUTSIDE` and the error of thre
 SUPPORT = 0.15
 """Distance, in sides of the display, within which a further patch supports what three others say;
 perspective moves it that far."""
-BEND, BENT = 0.2, 9
-"""Step of the guessed depths of patches, as a logarithm, and number of guesses."""
+DEPTH_POWER = -2 / 3
+"""Power by which the depth of a patch, the w of a homography, follows from the side that is seen:
+an area is seen divided by the cube of its w, so a side by w to the 3/2."""
+BEND = 0.2
+"""Step of the guesses of a patch's depth, as a logarithm: sides of patches are known to about a
+third, between two entries of `PATCH_PX`, and depths, by `DEPTH_POWER`, to about a fifth."""
+LEAST_DEPTH = 0.05
+"""Smallest depth of a corner, by the same unit as the depths of the patches; one that lies nearer,
+or behind the camera, makes no quadrilateral. Chosen by hand."""
+SAME_WHOLE_PX, SAME_PARTIAL_PX = 4.0, 6.0
+"""Distances, in pixels of the small image, of all corners below which two quadrilaterals count as
+one: of four patches, and of three, which put the corners less exactly. Chosen by hand."""
+FLAT_NORM = 5.0
+"""Gray levels that are added to the norm of a window before it is divided by it, so that noise in
+flat places, of a level or less a pixel, does not match. Chosen by hand."""
+SAME_MATCH = 0.4
+"""Distance, in sides of a patch, below which two matches are of one place: neighbouring `SPOTS` and
+`SHIFTS` see the same patch. Chosen by hand."""
+STEEP_BLUR_PX, STEEP_DARK, STEEP_APART_PX = 0.8, 4.0, 7
+"""Of the search for steep places: standard deviation of the blur before, which takes off the noise
+of single pixels; gray levels added before the logarithm, so that noise in black is not steep; and
+side of the square in which a place must be the steepest. In pixels of the resized image, in which a
+patch has `SEEN_PX`. Chosen by hand."""
+LEAST_STEEPNESS = 1e-6
+"""Smallest steepness of a place; it leaves out what is flat, and nothing else."""
 SIZE_WORK = 18
 """Units of work (`link.steps`) of the search for patches of one size."""
 
@@ -110,55 +134,35 @@ def whole_quads(
 
     Args:
         found: matches of each patch, from `spot_steps`.
-        layout: layout with patches in the four corners; else nothing is found.
+        layout: layout with patches in the four corners.
         size: height and width of the image, pixels.
         limit: largest number returned.
 
     Returns:
         (N, 4, 2) pixels, top-left of the displayed picture first; the likeliest one first.
     """
-    nothing = np.empty((0, 4, 2))
-    if not (corners := corner_cells(layout)):
-        return nothing
+    corners = corner_cells(layout)
     found = [found[patch] for patch in corners]
     quads, ranks = [], []
     for missing in (None, 0, 1, 2, 3):
-        counts = [len(m.match) if i != missing else 1 for i, m in enumerate(found)]
-        picked = np.indices(counts).reshape(4, -1).T  # every match with every other
         there = [i for i in range(4) if i != missing]
-        if not len(picked):
-            continue
-        points = np.zeros((len(picked), 4, 2))
-        for i in there:
-            points[:, i] = found[i].at[picked[:, i]]
-        if missing is not None:
-            around = [(missing + k) % 4 for k in (1, 2, 3)]
-            points[:, missing] = points[:, around[0]] - points[:, around[1]] + points[:, around[2]]
+        chosen, centres = _combinations(found, there)
+        points = np.zeros((len(centres), 4, 2))
+        points[:, there] = centres
+        if missing is not None:  # as in a parallelogram
+            one, opposite, other = ((missing + k) % 4 for k in (1, 2, 3))
+            points[:, missing] = points[:, one] - points[:, opposite] + points[:, other]
         sound = is_sound(points, size[1], size[0])
-        points, picked = points[sound], picked[sound]
-        if not len(points):
-            continue
+        points, chosen = points[sound], chosen[sound]
         side, turn = _expected(points, layout)
-        rank, fits = np.zeros(len(points)), np.ones(len(points), bool)
-        for i in there:
-            chosen = picked[:, i]
-            fits &= _alike(found[i], chosen, side[:, i], turn[:, i])
-            rank += found[i].match[chosen]
+        fits, rank = _fitting(found, there, chosen, side[:, there], turn[:, there])
         quads.append(points[fits])
-        ranks.append(rank[fits] + (MISSING if missing is not None else 0))
-    if not sum(map(len, quads)):
-        return nothing
+        ranks.append(rank[fits] + (0 if missing is None else MISSING))
     points, rank = np.concatenate(quads), np.concatenate(ranks)
-    points = points[distinct(points, rank, limit, 4.0)]
+    points = points[distinct(points, rank, limit, SAME_WHOLE_PX)]
     centres = patch_centres(layout)[corners]
-    unit = np.array([[[0, 0], [1, 0], [1, 1], [0, 1]]], np.float32)
-    grown = [
-        cv2.perspectiveTransform(
-            unit, cv2.getPerspectiveTransform(centres.astype(np.float32), quad.astype(np.float32))
-        )[0]
-        for quad in points
-    ]
-    return np.array(grown, np.float64).reshape(-1, 4, 2)
+    whole = [transform(four_point_homography(centres, quad), UNIT_SQUARE) for quad in points]
+    return np.array(whole, np.float64).reshape(-1, 4, 2)
 
 
 def partial_quads(
@@ -166,79 +170,139 @@ def partial_quads(
 ) -> NDArray[np.float64]:
     """Make quadrilaterals of three patches, for a display that is partly in view or covered.
 
-    Three corners, or two neighbouring ones and a patch between, tell an affine map of the display;
-    what the other patches show where it puts them ranks it. Perspective is then guessed from the
-    sizes of the three, in `BENT` ways: the homography of three points, and of their depths.
+    Three patches tell an affine map of the display; what the other patches show where it puts them
+    ranks it. Perspective is then guessed from the sizes of the three, in M ways.
 
     Args:
         found: matches of each patch, from `spot_steps`.
-        layout: layout with patches in the four corners; else nothing is found.
+        layout: layout with patches in the four corners.
         size: height and width of the image, pixels.
         limit: largest number returned.
 
     Returns:
-        (N, `BENT`, 4, 2) pixels, top-left of the displayed picture first; the likeliest one first.
+        (N, M, 4, 2) pixels, top-left of the displayed picture first, NaN where a guess puts a
+        corner behind the camera; the likeliest quadrilateral first.
     """
-    corners = corner_cells(layout)
-    centres = patch_centres(layout)
-    inner = [patch for patch in range(len(centres)) if patch not in corners]
-    neighbours = list(zip(corners, corners[1:] + corners[:1], strict=True))
-    triples = [tuple(corners[:i] + corners[i + 1 :]) for i in range(len(corners))]
-    triples += [(*pair, patch) for pair in neighbours for patch in inner[:1]]
-    square = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 1.0], [0.0, 1.0, 1.0]])
-    quads, bent, ranks = [np.empty((0, 4, 2))], [np.empty((0, BENT, 4, 2))], [np.empty(0)]
-    for triple in triples:
-        picked = np.indices([len(found[patch].match) for patch in triple]).reshape(3, -1).T
-        if not len(picked):
-            continue
-        shown = np.column_stack([centres[list(triple)], np.ones(3)])  # (3, 3)
-        points = np.stack([found[p].at[picked[:, k]] for k, p in enumerate(triple)], axis=1)
-        maps = np.linalg.inv(shown) @ points  # (N, 3, 2): x, y and 1 of the display to pixels
+    quads, bent, ranks = [], [], []
+    for triple in _triples(layout):
+        chosen, centres = _combinations(found, triple)
+        shown = np.column_stack([patch_centres(layout)[triple], np.ones(3)])  # (3, 3)
+        maps = np.linalg.inv(shown) @ centres  # (N, 3, 2): x, y and 1 of the display to pixels
         area = maps[:, 0, 0] * maps[:, 1, 1] - maps[:, 0, 1] * maps[:, 1, 0]
         side = np.sqrt(np.maximum(area, 1e-9) / (layout.rows * layout.cols))
         turn = np.arctan2(maps[:, 0, 1], maps[:, 0, 0])
-        quad = square @ maps
-        fits = (area > 0) & is_sound(quad, size[1], size[0], MAX_OUTSIDE)
-        for k, patch in enumerate(triple):
-            fits &= _alike(found[patch], picked[:, k], side, turn)
-        if not fits.any():
-            continue
-        picked, points, maps = picked[fits], points[fits], maps[fits]
-        quad, side = quad[fits], side[fits]
-        rank = np.zeros(len(picked))
-        for k, patch in enumerate(triple):
-            rank += found[patch].match[picked[:, k]]
-        for patch in set(range(len(centres))) - set(triple):
-            there = np.append(centres[patch], 1.0) @ maps  # (N, 2)
-            apart = np.linalg.norm(found[patch].at[None] - there[:, None], axis=2)
-            reach = SUPPORT * np.sqrt(layout.rows * layout.cols) * side[:, None]
-            support = np.where(apart < reach, found[patch].match, 0).max(axis=1, initial=0)
-            rank = rank + np.where(in_image(there, size), support, MISSING)
-        depth = np.stack([found[p].size[picked[:, k]] for k, p in enumerate(triple)], axis=1) ** (
-            -2 / 3
-        )
-        variants = []
-        for one in (-BEND, 0.0, BEND):
-            for two in (-BEND, 0.0, BEND):
-                w = depth * np.exp([0.0, one, two])
-                weighted = np.concatenate([points, np.ones((len(points), 3, 1))], axis=2)
-                H = np.linalg.inv(shown) @ (weighted * w[..., None])  # (N, 3, 3), for rows
-                at = square @ H
-                variants.append(at[..., :2] / np.where(at[..., 2:] > 0.05, at[..., 2:], np.nan))
-        quads.append(quad)
-        bent.append(np.stack(variants, axis=1))
-        ranks.append(rank)
-    every = np.concatenate(quads)
-    return np.concatenate(bent)[distinct(every, np.concatenate(ranks), limit, 6.0)]
+        quad = _with_one(UNIT_SQUARE) @ maps
+        fits, rank = _fitting(found, triple, chosen, side[:, None], turn[:, None])
+        fits &= (area > 0) & is_sound(quad, size[1], size[0], MAX_OUTSIDE)
+        sizes = np.stack([found[p].size[chosen[fits, k]] for k, p in enumerate(triple)], axis=1)
+        quads.append(quad[fits])
+        bent.append(_in_perspective(centres[fits], sizes, shown))
+        ranks.append(_supported(rank[fits], found, triple, maps[fits], side[fits], layout, size))
+    rank = np.concatenate(ranks)
+    best = distinct(np.concatenate(quads), rank, limit, SAME_PARTIAL_PX)
+    return np.asarray(np.concatenate(bent)[best])
 
 
-def _alike(
-    matches: Matches, chosen: NDArray[np.intp], side: NDArray[np.float64], turn: NDArray[np.float64]
-) -> NDArray[np.bool_]:
-    """Tell which (N,) matches have about the (N,) sides and turns that are expected of them."""
-    off = np.angle(np.exp(1j * (matches.turn[chosen] - turn)))
-    ratio = np.abs(np.log(matches.size[chosen] / side))
-    return np.asarray((np.abs(off) < np.radians(MAX_TURN_DEG)) & (ratio < np.log(MAX_RATIO)))
+def _triples(layout: Layout) -> list[list[int]]:
+    """List which three patches tell a display: three corners, or two beside and one between."""
+    corners = corner_cells(layout)
+    inner = [patch for patch in range(len(layout.ratex)) if patch not in corners]
+    neighbours = zip(corners, corners[1:] + corners[:1], strict=True)
+    triples = [corners[:i] + corners[i + 1 :] for i in range(len(corners))]
+    return triples + [[*pair, patch] for pair in neighbours for patch in inner[:1]]
+
+
+def _combinations(
+    found: list[Matches], patches: list[int]
+) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Combine every match of each of K patches with every one of the others.
+
+    Returns:
+        (N, K) numbers of the matches, and (N, K, 2) their centres.
+    """
+    chosen = np.indices([len(found[patch].match) for patch in patches])
+    chosen = chosen.reshape(len(patches), -1).T
+    centres = [found[patch].at[chosen[:, k]] for k, patch in enumerate(patches)]
+    return chosen, np.stack(centres, axis=1)
+
+
+def _fitting(
+    found: list[Matches],
+    patches: list[int],
+    chosen: NDArray[np.intp],
+    side: NDArray[np.float64],
+    turn: NDArray[np.float64],
+) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """Tell which combinations of matches have about the sides and turns expected of them.
+
+    Args:
+        found: matches of each patch.
+        patches: K patches that are combined.
+        chosen: (N, K) numbers of their matches.
+        side: (N, K) or (N, 1) sides that are expected.
+        turn: (N, K) or (N, 1) turns that are expected.
+
+    Returns:
+        (N,) whether all of them do, and (N,) the sum of their correlations.
+    """
+    side, turn = (np.broadcast_to(expected, chosen.shape) for expected in (side, turn))
+    fits, rank = np.ones(len(chosen), bool), np.zeros(len(chosen))
+    for k, patch in enumerate(patches):
+        matches, picked = found[patch], chosen[:, k]
+        off = np.angle(np.exp(1j * (matches.turn[picked] - turn[:, k])))
+        ratio = np.abs(np.log(matches.size[picked] / side[:, k]))
+        fits &= (np.abs(off) < np.radians(MAX_TURN_DEG)) & (ratio < np.log(MAX_RATIO))
+        rank += matches.match[picked]
+    return fits, rank
+
+
+def _supported(
+    rank: NDArray[np.float64],
+    found: list[Matches],
+    triple: list[int],
+    maps: NDArray[np.float64],
+    side: NDArray[np.float64],
+    layout: Layout,
+    size: tuple[int, int],
+) -> NDArray[np.float64]:
+    """Add to (N,) ranks what the other patches show where (N, 3, 2) maps of three put them."""
+    reach = SUPPORT * np.sqrt(layout.rows * layout.cols) * side[:, None]
+    for patch in set(range(len(layout.ratex))) - set(triple):
+        there = _with_one(patch_centres(layout)[patch]) @ maps  # (N, 2)
+        apart = np.linalg.norm(found[patch].at[None] - there[:, None], axis=2)
+        support = np.where(apart < reach, found[patch].match, 0).max(axis=1, initial=0)
+        rank = rank + np.where(in_image(there, size), support, MISSING)
+    return rank
+
+
+def _in_perspective(
+    centres: NDArray[np.float64], sizes: NDArray[np.float64], shown: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Guess where the corners of a display lie of which three patches are seen.
+
+    A homography follows from three points and their depths. Depths follow from the sides of the
+    patches, which are known roughly; so two of the three are tried a little nearer and farther.
+
+    Args:
+        centres: (N, 3, 2) places of the patches, pixels.
+        sizes: (N, 3) sides of the patches, pixels.
+        shown: (3, 3) x, y and 1 of the patches on the display.
+
+    Returns:
+        (N, M, 4, 2) pixels; NaN where a corner is nearer than `LEAST_DEPTH`.
+    """
+    guesses = []
+    for one, two in product((-BEND, 0.0, BEND), repeat=2):
+        depth = sizes**DEPTH_POWER * np.exp([0.0, one, two])
+        H = np.linalg.inv(shown) @ (_with_one(centres) * depth[..., None])  # (N, 3, 3), for rows
+        at = _with_one(UNIT_SQUARE) @ H
+        guesses.append(at[..., :2] / np.where(at[..., 2:] > LEAST_DEPTH, at[..., 2:], np.nan))
+    return np.stack(guesses, axis=1)
+
+
+def _with_one(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Append a 1 to the coordinates of (..., 2) points."""
+    return np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1)
 
 
 def _expected(
@@ -289,7 +353,7 @@ def _matches_of_size(
     windows = np.lib.stride_tricks.sliding_window_view(image, (WINDOW_PX, WINDOW_PX))
     seen = windows[corner[..., 0], corner[..., 1]].reshape(-1, WINDOW_PX * WINDOW_PX)
     seen = seen - seen.mean(axis=1, keepdims=True)
-    seen /= np.linalg.norm(seen, axis=1, keepdims=True) + 5
+    seen /= np.linalg.norm(seen, axis=1, keepdims=True) + FLAT_NORM
     match = (seen @ bank.T).reshape(len(spots), len(shifts), -1, len(turns))
     which, rows = np.arange(len(spots)), []
     for i in range(match.shape[2]):
@@ -308,16 +372,17 @@ def _best(rows: NDArray[np.float64]) -> Matches:
     kept: list[NDArray[np.float64]] = []
     while len(rows) and len(kept) < KEPT:
         kept.append(rows[0])
-        rows = rows[np.linalg.norm(rows[:, :2] - rows[0, :2], axis=1) > 0.4 * rows[0, 3]]
+        rows = rows[np.linalg.norm(rows[:, :2] - rows[0, :2], axis=1) > SAME_MATCH * rows[0, 3]]
     table = np.array(kept).reshape(-1, 5)
     return Matches(table[:, :2], table[:, 2], table[:, 3], table[:, 4])
 
 
 def _steepest(image: NDArray[np.float32]) -> NDArray[np.intp]:
     """Find (N, 2) places y, x where the logarithm of the image is steep in all directions."""
-    light = np.log(cv2.GaussianBlur(image, (0, 0), 0.8) + 4)
+    light = np.log(cv2.GaussianBlur(image, (0, 0), STEEP_BLUR_PX) + STEEP_DARK)
     steep = cv2.cornerMinEigenVal(light, WINDOW_PX)
-    y, x = np.nonzero((steep >= cv2.dilate(steep, np.ones((7, 7), np.uint8))) & (steep > 1e-6))
+    around = cv2.dilate(steep, np.ones((STEEP_APART_PX, STEEP_APART_PX), np.uint8))
+    y, x = np.nonzero((steep >= around) & (steep > LEAST_STEEPNESS))
     best = np.argsort(-steep[y, x])[:SPOTS]
     return np.column_stack([y[best], x[best]])
 
