@@ -16,22 +16,40 @@ from receiver.locate.patches import DRAWN_KAPPA, Pyramid, at_level, level_for
 
 PHASES = ((6, 6, False), (6, 2, True))
 """Phases of the alignment: samples along each axis of a tile, largest number of steps, and whether
-each tile has a level of its own."""
+each tile has a level of its own. Chosen by hand: the second phase
+begins where the first one ended, and needs fewer steps."""
 MARGIN_PX = 4
-"""Pixels around the display that are cut out of the image with it."""
+"""Pixels around the display that are cut out of the image with it, for the blur and the cubic
+interpolation of samples at its edge, which reach 2 to 3 px."""
 BLUR = 0.8
-"""Standard deviation of the blur of the image and of the drawn tiles, in samples."""
-DRAWN_BLUR, HALF_RANGE = 1.25, 127.5
-"""Blur of the drawn tiles as a multiple of `BLUR`, and gray levels that are the unit in which the
-levels displayed count from the middle."""
+"""Standard deviation of the blur of the image and of the drawn tiles, in samples: less lets an edge
+fall unseen between two samples, more takes away what tells of places. Chosen by hand."""
+LEAST_BLUR_PX = 0.7
+"""Smallest standard deviation of the image's blur, in its pixels: the derivatives are taken over
+one pixel, which an edge must not cross at once. Chosen by hand."""
+DRAWN_BLUR = 1.25
+"""Blur of the drawn tiles as a multiple of `BLUR`: variances of blurs add, so the camera's own blur
+is taken to be 0.75 of `BLUR`. Chosen by hand."""
+HALF_RANGE = 127.5
+"""Gray levels that are the unit in which the levels displayed count from the middle of the
+range."""
 MIN_STEP_PX = 0.01
-"""Motion of every corner, in pixels of the image, below which a phase ends."""
+"""Motion of every corner, in pixels of the image, below which a phase ends: it is small
+against the corners' error in the end, which is 0.14 px in the median (docs/answered.md)."""
 CORNER_SPREAD = 0.02
 """Expected error of the corners before alignment, as a share of the display's side: a ridge that
-holds corners where too few patches determine them."""
+holds corners where too few patches determine them. Chosen by hand as half of
+`receiver.locate.patches.SEARCH_ERROR`, since patches have moved the corners before."""
 RESIDUAL_LEVELS = 8.0
 """Residual, in gray levels, at which the ridge weighs: noise, moire and response that three
-coefficients miss."""
+coefficients miss. Chosen by hand; only its ratio to the slopes of the patches counts."""
+MOST_STEP, MOST_STEP_PX = 0.02, 0.5
+"""Largest motion of a corner in one step, as a share of the display's side and in pixels of a
+level, which add: about `CORNER_SPREAD`, so that no single step leaves where the patches are
+seen."""
+LEVEL_RIDGE = 1e-3
+"""Ridge of the coefficients of levels, whose unit is a sample: so small that it decides only what
+no sample tells."""
 
 
 def align_corners(
@@ -88,7 +106,7 @@ def _align_phase(
     c = c - [left, top]
     # as blurred as the drawn tiles: between samples no edge must go unseen
     apart = np.linalg.norm(np.roll(c, -1, axis=0) - c, axis=1) / [width, height, width, height]
-    image = cv2.GaussianBlur(image, (0, 0), max(0.7, BLUR * float(apart.mean())))
+    image = cv2.GaussianBlur(image, (0, 0), max(LEAST_BLUR_PX, BLUR * float(apart.mean())))
     start = c.copy()
     points, basis = _grid(layout, fine, free)
     first = transform(four_point_homography(frame_corners(width, height), c), points)
@@ -101,7 +119,7 @@ def _align_phase(
     unit = frame_corners(width, height)
     ridge = (RESIDUAL_LEVELS / (max(spread, 1e-6) * side)) ** 2
     known = basis.shape[1]
-    prior = np.diag(np.concatenate([np.full(known, 1e-3), np.full(8, ridge)]))
+    prior = np.diag(np.concatenate([np.full(known, LEVEL_RIDGE), np.full(8, ridge)]))
     A = np.concatenate([basis, np.empty((len(points), 8))], axis=1)
     weight = np.ones(len(points))
     for step in range(steps):
@@ -111,7 +129,8 @@ def _align_phase(
         pull = np.concatenate([np.zeros(known), ridge * (start - c).reshape(-1)])
         rounds = 2 if step == 0 else 1
         solution, weight = _robust_solution(A, taken, prior, pull, weight, rounds)
-        move = np.clip(solution[known:].reshape(4, 2), -0.02 * side - 0.5, 0.02 * side + 0.5)
+        most = MOST_STEP * side + MOST_STEP_PX
+        move = np.clip(solution[known:].reshape(4, 2), -most, most)
         c = c + move
         if np.abs(move).max() * scale < MIN_STEP_PX and step > 1:
             break

@@ -27,18 +27,23 @@ from receiver.locate.quads import (
 from receiver.locate.refine import OUTSIDE
 
 WORK_PX = 640
-"""Longer side, in pixels, of the small copy on which quadrilaterals are sought."""
+"""Longer side, in pixels, of the small copy on which quadrilaterals are sought: a bezel of half a
+per cent of the image is then 3 px wide. Constants in pixels of the copy were chosen with it."""
 SNAP_PX = 5.0
-"""Distance, in pixels of the small copy, that a side may move onto an edge."""
+"""Distance, in pixels of the small copy, that a side may move onto an edge. Chosen by hand."""
 LINE_QUADS = 70
-"""Largest number of quadrilaterals that are taken from straight lines."""
+"""Largest number of quadrilaterals that are taken from straight lines. It bounds the work of
+measuring their sides; chosen by hand."""
 CANDIDATES = 20
-"""Largest number of candidates that are looked at more closely."""
+"""Largest number of candidates that are looked at more closely. It bounds the work of a search that
+finds nothing; chosen by hand."""
 LINES_WORK, SIDES_WORK = 45, 25
-"""Units of work (`link.steps`) of the quadrilaterals from lines, and of their sides."""
+"""Units of work (`link.steps`) of the quadrilaterals from lines, and of their sides: about
+the milliseconds that they take of one core."""
 NEAR = 3.0
 """Log-odds by which a picture may be less likely than the outline of its bezel and still be taken
-for the display."""
+for the display: a light bezel, which is nested in the same way, has more edges than the picture,
+but is not taken to be 20 times as likely (e to the 3). Chosen by hand."""
 WEIGHTS = np.array([11.0, 1.57, 15.14, 4.98, 1.93, -2.3, 6.83, 5.43, -11.79])
 """Log-odds per unit of each of `receiver.locate.edges.FEATURES`, fitted on simulated photographs by
 reports.lab.locate_weights at the tag results-2026-11."""

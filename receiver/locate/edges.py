@@ -7,36 +7,47 @@ from numpy.typing import NDArray
 from link.robust import MAD_TO_SIGMA, geman_mcclure_weights, reweighted, ridge_solution
 
 SAMPLES = 24
-"""Number of places along a side where the image is looked at."""
+"""Number of places along a side where the image is looked at for `side_features`:
+each stands for 4 % of the side. `receiver.locate.candidates.WEIGHTS`
+were fitted with it."""
 AHEAD = np.concatenate([np.linspace(-0.15, -0.03, 8), np.linspace(1.03, 1.15, 8)])
 """Places beyond a side's ends, in lengths of the side from its start: what bounds a display ends at
 its corners."""
 SIDE_START, SIDE_SHARE = 0.03, 0.94
 """Where the places along a side begin, and the part of the side over which they are spread, in
-lengths of the side."""
+lengths of the side: corners may be off by 3 % of it, and places must not lie beyond the other
+one."""
 REACH = 5
-"""Number of pixels of the small image that are looked at on each side of an edge."""
+"""Number of pixels of the small image that are looked at on each side of an edge. Chosen by
+hand."""
 FIT_SAMPLES = 96
-"""Number of places along a side through which a line is fitted."""
+"""Number of places along a side through which a line is fitted. The line's error falls with the
+root of their number, and the work grows with it. Chosen by hand."""
 STEP_LEVELS = 10.0
-"""Smallest step, in gray levels, that counts as an edge; noise and texture seldom make it."""
+"""Smallest step, in gray levels, that counts as an edge in an image whose white is at 200 or more;
+less in a darker one. Chosen by hand."""
 NOISE_SLOPE, SATURATION_SLOPE = 0.7, 4.0
 """Gradient, in levels per pixel, that counts nothing, and beyond it counts half: a strong edge in
-the picture must not outvote a weak one along the whole side."""
+the picture must not outvote a weak one along the whole side. Chosen by hand."""
 OTHER_SIDE = 1.5
-"""How many times the votes an edge that is darker inside needs to be preferred."""
+"""How many times the votes an edge that is darker inside needs to be preferred. Lit displays are
+mostly brighter than what is around them. Chosen by hand."""
 WHITE_QUANTILE = 0.95
-"""Quantile of the image's levels that counts as white, but for some levels more."""
+"""Quantile of the image's levels that counts as white, but for some levels more: a
+lamp or a reflection should cover less than the rest, 5 % of the image."""
 RIM_PX = -2.5
-"""Where the rim of a display is looked at, in pixels along the inward normal of its sides."""
+"""Where the rim of a display is looked at, in pixels along the inward normal of its sides: the
+middle of the `REACH` pixels outside, clear of the blur of the edge."""
 CONTENT_SCALES, BEYOND_SCALE = (0.85, 0.6, 0.3), 1.12
 """Factors by which a quadrilateral shrinks to where its content is looked at, and grows to where
-its surroundings are."""
+its surroundings are. `receiver.locate.candidates.WEIGHTS` were fitted
+with these."""
 PEAK_STEPS = 2.01
 """Largest distance of a gradient's peak from where it may be, in distances of the samples: two, and
 a little for rounding."""
 MIN_EDGE_SHARE = 0.2
-"""Smallest share of a side's places that must lie on the fitted line."""
+"""Smallest share of a side's places that must lie on the fitted line. A hand or
+glare may hide most of a side. Chosen by hand."""
 
 
 def inward(quads: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -40,29 +40,34 @@ from receiver.locate.spots import (
 
 SMALL_ERROR_PX = 2.0
 """Error of a candidate's side, in pixels of the small copy; farther off, another edge may be
-stronger."""
+stronger. Chosen by hand."""
 LIKELY = 6
 """Number of candidates whose patches are sought before quadrilaterals are made from patches alone
-(`receiver.locate.spots`)."""
+(`receiver.locate.spots`): where a display's border shows edges, it is among the first. Chosen by
+hand."""
 SPOT_QUADS, PARTIAL_QUADS = 30, 8
 """Largest numbers of quadrilaterals that are made from patches alone: of a display that is in view,
-and of one that is partly so."""
+and of one that is partly so. They bound the work of a search that finds nothing; chosen by hand."""
 ALL_TURNS = (0, 1, 2, 3)
 """Quarter turns by which a quadrilateral's corner order may differ from the displayed picture's."""
 SURE_CORRELATION = 0.93
-"""Correlation of the patches at which no further candidate is tried."""
+"""Correlation of the patches at which no further candidate is tried; above what is needed
+(`receiver.locate.refine.FEW_PATCHES_CORRELATION`) for any number of patches. Chosen by hand."""
 PROMISING = 0.55
 """Mean correlation of single patches near their places that is worth aligning: true displays had
 0.69 and more, turned ones up to 0.65."""
 LEAVING_QUADS = 6
-"""Largest number of quadrilaterals of lines that leave the image."""
+"""Largest number of quadrilaterals of lines that leave the image. It bounds the work of a search
+that finds nothing; chosen by hand."""
 PROMISING_PARTLY = 0.65
-"""Mean correlation of the patches in view that is worth aligning where some are out of view."""
+"""Mean correlation of the patches in view that is worth aligning where some are out of view: more
+than `PROMISING`, because fewer patches match by chance more easily. Chosen by hand."""
 REFINE_WORK, COMBINE_WORK = 20, 15
-"""Units of work (`link.steps`) of an alignment, and of combining patches."""
+"""Units of work (`link.steps`) of an alignment, and of combining patches: about the milliseconds
+that they take of one core."""
 SAME_PLACE = 0.15
 """Mean distance of two displays' corners, as a share of the diagonal, below which they are at one
-place."""
+place: two displays beside one another are farther apart than that. Chosen by hand."""
 MAX_ASPECT = 40
 """Largest ratio of an image's longer to its shorter side at which a display is sought; beyond it
 the small copy has fewer than 16 rows or columns."""

@@ -18,26 +18,35 @@ from link.types import Corners
 from receiver.locate.corner_motion import UNIT_SQUARE, four_point_homography, points_by_corners
 
 TILE_PX = 4
-"""Pixels along each axis of a tile where patches are sought."""
+"""Pixels along each axis of a tile where patches are sought: places are found to whole pixels, and
+the alignment goes on from within half a tile. Chosen by hand."""
 SEARCH = 0.09
-"""Reach of the search on each axis, as a share of the display's side."""
+"""Reach of the search on each axis, as a share of the display's side: some two deviations of a
+coarse corner (`SEARCH_ERROR`)."""
 SEARCH_ERROR, PLACE_ERROR = 0.04, 0.006
-"""Expected errors, as shares of the display's side, of a coarse corner and of a patch found."""
+"""Expected errors, as shares of the display's side, of a coarse corner and of a patch found:
+standard deviations by which the least squares weigh the one against the other. Chosen by hand."""
+LEAST_WEIGHED, WEIGHT_POWER = 0.05, 8
+"""Smallest correlation that a patch in view is weighed by, and the power of it that is the weight:
+a patch of correlation 0.9 weighs 100 times as much as one of 0.5, which is mostly a wrong place.
+The smallest keeps weights off 0. Chosen by hand."""
 LEAST_HALVED_PX = 160
-"""Smallest side of an image, in pixels, that is halved for a pyramid."""
+"""Smallest side of an image, in pixels, that is halved for a pyramid. Chosen by hand."""
 FINEST_PX = 1.2
-"""Distance of samples, in pixels of a level of a pyramid, in whose middle the levels change."""
+"""Distance of samples, in pixels of a level of a pyramid, in whose middle the levels change:
+samples lie between 0.85 and 1.7 px apart, so that little of the level goes unseen."""
 DRAWN_KAPPA = 3
-"""Gray levels by which drawn patches toggle; the levels of the tiles hardly depend on it."""
-
+"""Gray levels by which drawn patches toggle, the κ of the preset `paper`; the levels of the tiles
+hardly depend on it."""
 LEAST_PATCHES, MISSED_PATCHES = 3, 2
 """Smallest number of patches that must be seen where a layout has so many, and largest number that
-may be out of view or covered."""
+may be out of view or covered. Three are the fewest that tell an affine map."""
 CLEAR_KEPT = 0.9
 """Smallest correlation of each patch that is counted where others are left out: with corners that
 may lie anywhere, something else looks like the third of three patches, and reaches 0.85."""
 COVERED_LOSS = 0.08
-"""Correlation that is taken off where patches that are not seen are left out of the mean."""
+"""Correlation that is taken off where patches that are not seen are left out of the mean: the best
+of several ways of leaving out matches better by chance. Chosen by hand."""
 
 Pyramid = list[NDArray[np.uint8]]
 """Gray levels of an image at 1, 1/2, 1/4, ... of its size, (H, W) uint8 each."""
@@ -199,7 +208,8 @@ def corners_from_patches(corners: Corners, found: NDArray[np.float64], layout: L
     """
     nominal = patch_centres(layout)
     moved = found[:, :2].copy()
-    weight = np.clip(found[:, 2], 0.05, 1) ** 8 / PLACE_ERROR**2 * (found[:, 2] != 0)
+    weight = np.clip(found[:, 2], LEAST_WEIGHED, 1) ** WEIGHT_POWER / PLACE_ERROR**2
+    weight = weight * (found[:, 2] != 0)  # a patch out of view is not weighed
     ridge = np.eye(8) / SEARCH_ERROR**2
 
     def solve(robust: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -10,34 +10,54 @@ import numpy as np
 from numpy.typing import NDArray
 
 MIN_SEGMENT_PX = 9.0
-"""Smallest length, in pixels, of a segment that is used."""
+"""Smallest length, in pixels, of a segment that is used; shorter ones have no exact direction, and
+there are many. Chosen by hand, as all pixels here, for an image whose longer side is 640."""
 MAX_LINES = 44
-"""Largest number of lines from which quadrilaterals are made."""
+"""Largest number of lines from which quadrilaterals are made. It bounds the work, which grows with
+its fourth power. Chosen by hand."""
 MAX_SEGMENTS = 350
-"""Largest number of segments that are used, the longest first."""
+"""Largest number of segments that are used, the longest first. It bounds the work, which grows with
+its square. Chosen by hand."""
 COLLINEAR_PX = 1.8
 """Largest distance, in pixels, of a segment's ends from the line that it is counted to, where both
 are bright on one side."""
 OPPOSED_PX = 0.7
 """Largest distance, in pixels, of a segment's ends from the line that it is counted to, where they
-are bright on opposite sides: a thin bezel's two edges are two lines."""
+are bright on opposite sides: a thin bezel's two edges are two lines. Both were chosen by hand."""
 MIN_AREA = 0.03
-"""Smallest area of a quadrilateral, as a share of the image."""
+"""Smallest area of a quadrilateral, as a share of the image: blocks of a smaller display would have
+few pixels. Chosen by hand."""
 MIN_CROSSING_DEG = 35.0
-"""Smallest angle between neighbouring sides; a display seen at 70 degrees still has it."""
+"""Smallest angle between the lines of neighbouring sides; a display seen at 70 degrees still has
+it."""
+LEAST_SINE = 0.7 * np.sin(np.radians(MIN_CROSSING_DEG))
+"""Smallest sine of an angle of a sound quadrilateral: corners found coarsely may still make an
+angle of 24 degrees of one of `MIN_CROSSING_DEG`. Chosen by hand."""
 MIN_SIDE_COVER, MIN_MEAN_COVER = 0.15, 0.45
-"""Smallest shares that segments must cover of each side, and of all sides on average."""
+"""Smallest shares that segments must cover of each side, and of all sides on average: a hand, or a
+dark picture, may hide the edges of most of one side. Chosen by hand."""
+LEAST_SIDE = 0.1
+"""Smallest length of a side, as a share of the root of the image's area. With `MIN_AREA` it leaves
+out slivers whose sides few segments cover by chance. Chosen by hand."""
+SIZE_BONUS = 0.3
+"""Rank that a quadrilateral as large as the image has over a tiny one, in shares of cover: longer
+sides are less likely to be covered by chance. It grows with the root of the area. Chosen by
+hand."""
 SLACK = 0.01
 """Distance by which a corner may lie outside the image where the whole display is in view, as a
 share of the image's longer side: lines found on a small image are that uncertain."""
 SAME_PX = 3.0
-"""Distance, in pixels, of corners below which two quadrilaterals are one."""
+"""Distance, in pixels, of corners below which two quadrilaterals are one: the sides of both then
+snap to the same edges. Chosen by hand."""
 NESTED = (0.65, 0.97)
-"""Smallest and largest share of a bezel's area that the picture within may have."""
+"""Smallest and largest share of a bezel's area that the picture within may have: a bezel as wide as
+an eighth of the picture's side, or as a hundredth, leaves about these. Chosen by hand."""
 THRESHOLD_QUANTILES = (0.3, 0.5, 0.65, 0.8, 0.9)
-"""Quantiles of the image's gray levels that serve as thresholds for outlines."""
+"""Quantiles of the image's gray levels that serve as thresholds for outlines, for displays that
+cover from a tenth to most of the image. Chosen by hand."""
 OUTLINE_TOLERANCES = (0.015, 0.03, 0.06)
-"""Tolerances, as shares of an outline's length, at which four corners may describe it."""
+"""Tolerances, as shares of an outline's length, at which four corners may describe it; the first
+that leaves four corners is taken. Chosen by hand."""
 
 
 def signed_areas(quads: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -70,9 +90,7 @@ def is_sound(
     low, high = -0.5 - slack, np.array([width, height]) - 0.5 + slack
     inside = ((quads >= low) & (quads <= high)).all(axis=(1, 2))
     large = signed_areas(quads) >= MIN_AREA * width * height
-    return np.asarray(
-        inside & large & (sine > np.sin(np.radians(MIN_CROSSING_DEG)) * 0.7).all(axis=1)
-    )
+    return np.asarray(inside & large & (sine > LEAST_SINE).all(axis=1))
 
 
 def upright(quads: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -223,7 +241,7 @@ def from_lines(gray: NDArray[np.uint8], limit: int, outside: float = SLACK) -> N
     span = np.abs(t[:, :, None] - t[:, None, :])
     cover = np.abs(run[:, :, None] - run[:, None, :]) / np.maximum(span, 1)
     sides = (usable[:, :, None] & usable[:, None, :]) & (cover >= MIN_SIDE_COVER)
-    sides &= span > 0.1 * np.sqrt(width * height)
+    sides &= span > LEAST_SIDE * np.sqrt(width * height)
     k, m = np.triu_indices(len(lines), 1)
     both = sides[:, k, m]  # (M, P): line i has a side between the lines of pair p
     match = both[k] & both[m]  # (P, P): both lines of pair q have a side between those of pair p
@@ -241,8 +259,7 @@ def from_lines(gray: NDArray[np.uint8], limit: int, outside: float = SLACK) -> N
     if outside > SLACK:
         sound &= ~is_sound(quads, width, height)
     quads, rank = upright(quads[sound]), rank[sound]
-    # longer sides are less likely to be covered by chance
-    rank = rank + 0.3 * np.sqrt(signed_areas(quads) / (width * height))
+    rank = rank + SIZE_BONUS * np.sqrt(signed_areas(quads) / (width * height))
     return quads[distinct(quads, rank, limit, SAME_PX)]
 
 

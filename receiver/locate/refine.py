@@ -11,6 +11,7 @@ from link.types import Corners, Image
 from receiver.locate.align import align_corners
 from receiver.locate.edges import fit_edges
 from receiver.locate.patches import (
+    SEARCH,
     Pyramid,
     corners_from_patches,
     patches_in_view,
@@ -19,21 +20,26 @@ from receiver.locate.patches import (
 )
 from receiver.locate.quads import SLACK, is_sound
 
-SEARCHES = (0.09, 0.09, 0.03)
+SEARCHES = (SEARCH, SEARCH, SEARCH / 3)
 """Reach of each of the searches for patches before corners are aligned to them, as a share of the
-display's side: what is found first brings the others into reach."""
+display's side: what is found first brings the others into reach. The last one looks near, so that
+what is alike farther off draws nothing away. Chosen by hand."""
 FEW_PATCHES_CORRELATION = {1: 0.88, 2: 0.85}
-"""Smallest `link.ratex.patch_correlation` of a display that shows one patch, and two."""
+"""Smallest `link.ratex.patch_correlation` of a display that shows one patch, and two: fewer patches
+match by chance more easily. Chosen by hand above `USUAL_CORRELATION`."""
 OUTSIDE = 0.25
 """Distance by which a corner of a display that is partly in view may lie outside the image, as a
-share of the image's longer side."""
+share of the image's longer side. Chosen by hand."""
 PARTLY_SPREADS = (0.1, 0.1)
 """Expected errors of the corners, as shares of the display's side, in the further alignments of a
-display that is partly in view: what lies beyond the patches is known less well."""
+display that is partly in view: what lies beyond the patches is known less well. Chosen by hand."""
 USUAL_CORRELATION = 0.8
 """Smallest `link.ratex.patch_correlation` of a display that shows three patches or more. It lies
 between what aligned displays have and what wrong turns reach by chance, most of all with few
-patches."""
+patches. Chosen by hand."""
+EDGE_BLUR_PX, FINE_REACH_PX = 1.0, 4.0
+"""Standard deviation of the blur before edges are fitted, and largest reach of the second fit,
+which starts from the edges that the first one found. In pixels of the image; chosen by hand."""
 
 
 def needed_correlation(layout: Layout) -> float:
@@ -101,8 +107,8 @@ def corners_on_edges(
     Returns:
         in pixels; a side without an edge in reach stays.
     """
-    smooth = cv2.GaussianBlur(gray, (0, 0), 1.0).astype(np.float32)
-    for pixels in (reach, min(reach, 4.0)):
+    smooth = cv2.GaussianBlur(gray, (0, 0), EDGE_BLUR_PX).astype(np.float32)
+    for pixels in (reach, min(reach, FINE_REACH_PX)):
         corners, _ = fit_edges(smooth, corners, pixels)
     return corners
 

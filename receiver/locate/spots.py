@@ -19,17 +19,24 @@ from link.ratex import TILES, patch_centres, tile_levels
 from link.steps import Steps
 from receiver.locate.corner_motion import UNIT_SQUARE, four_point_homography
 from receiver.locate.quads import distinct, is_sound
+from receiver.locate.refine import OUTSIDE
 
 PATCH_PX = (8, 11, 15, 20, 27, 37, 50)
-"""Sides of a patch, in pixels of the small image, that are tried."""
+"""Sides of a patch, in pixels of the small image, that are tried: each is about a third more than
+the last, so that one is within a sixth of any between 8 and 50."""
 SEEN_PX, WINDOW_PX = 15, 15
-"""Sides, in pixels of the resized image, of a patch and of the window that is compared."""
+"""Sides, in pixels of the resized image, of a patch and of the window that is compared.
+Nearly four pixels for each of the four tiles along an axis. Chosen by hand."""
 SPOTS = 80
-"""Number of steepest places that are compared at each size of a patch."""
+"""Number of steepest places that are compared at each size of a patch. It bounds the work; chosen
+by hand."""
 SHIFTS = (-4, -2, 0, 2, 4)
-"""Shifts, in pixels of the resized image and on each axis, that are tried around such a place."""
+"""Shifts, in pixels of the resized image and on each axis, that are tried around such a place:
+the steepest place of a patch is mostly a corner of tiles, about 4 px from the next one. Chosen by
+hand."""
 TURNS = 24
-"""Number of directions of a patch that are tried."""
+"""Number of directions of a patch that are tried, 15 degrees apart: one is within 7.5 degrees of
+any, by which the rim of a patch is off by a pixel."""
 SHAPES = (
     (1.0, 1.0, 0.0),
     (0.65, 1.0, 0.0),
@@ -39,25 +46,30 @@ SHAPES = (
     (0.75, 0.75, 0.45),
     (0.75, 0.75, -0.45),
 )
-"""Foreshortenings of a patch's two axes, and shears, that are tried."""
+"""Foreshortenings of a patch's two axes, and shears, that are tried. 0.65 and 0.42 are the cosines
+of 49 and 65 degrees; the shears are those of a display that is seen across a corner."""
 DRAWN_PX, DRAWN_BLUR_PX = 8, 1.6
 """Pixels along each axis of a tile from which templates are sampled, and standard deviation of the
-blur before they are."""
+blur before they are, a fifth of a tile, as of a camera's image. Chosen by hand."""
 MIN_MATCH = 0.55
-"""Smallest correlation of a match that is kept."""
+"""Smallest correlation of a match that is kept. A patch between two sizes, turns and shapes of the
+templates does not match wholly. Chosen by hand."""
 KEPT = 16
-"""Largest number of matches that are kept for each patch."""
+"""Largest number of matches that are kept for each patch. Four patches are combined in its fourth
+power, 65,536 ways. Chosen by hand."""
 MAX_TURN_DEG, MAX_RATIO = 35.0, 1.8
 """Largest differences of a match's direction, in degrees, and size, as a ratio, from what the
-quadrilateral has there."""
+quadrilateral has there. Two steps of `TURNS` and of `PATCH_PX`, and the perspective. Chosen by
+hand."""
 MISSING = 0.35
-"""Correlation that stands for a patch that is not seen and is put where the three others say."""
-MAX_OUTSIDE = 0.35
+"""Correlation that stands for a patch that is not seen and is put where the three others say: less
+than `MIN_MATCH`, since a patch that is seen speaks for more. Chosen by hand."""
+MAX_OUTSIDE = OUTSIDE + 0.1
 """Distance by which a corner of a display that is partly in view may be put outside the image, as a
-share of its longer side; `receiver.locate.refine.OUTSIDE` and the error of three patches."""
+share of its longer side: as far as it may lie, and the error of three patches, chosen by hand."""
 SUPPORT = 0.15
 """Distance, in sides of the display, within which a further patch supports what three others say;
-perspective moves it that far."""
+perspective moves it that far. Chosen by hand."""
 DEPTH_POWER = -2 / 3
 """Power by which the depth of a patch, the w of a homography, follows from the side that is seen:
 an area is seen divided by the cube of its w, so a side by w to the 3/2."""
@@ -84,7 +96,8 @@ patch has `SEEN_PX`. Chosen by hand."""
 LEAST_STEEPNESS = 1e-6
 """Smallest steepness of a place; it leaves out what is flat, and nothing else."""
 SIZE_WORK = 18
-"""Units of work (`link.steps`) of the search for patches of one size."""
+"""Units of work (`link.steps`) of the search for patches of one size: about the milliseconds that
+it takes of one core."""
 
 
 @dataclass(frozen=True)
