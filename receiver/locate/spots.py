@@ -89,9 +89,9 @@ SAME_MATCH = 0.4
 """Distance, in sides of a patch, below which two matches are of one place: neighbouring `SPOTS` and
 `SHIFTS` see the same patch. Chosen by hand."""
 STEEP_BLUR_PX, STEEP_DARK, STEEP_APART_PX = 0.8, 4.0, 7
-"""Of the search for steep places: standard deviation of the blur before, which takes off the noise
-of single pixels; gray levels added before the logarithm, so that noise in black is not steep; and
-side of the square in which a place must be the steepest. In pixels of the resized image, in which a
+"""Standard deviation of the blur before steep places are sought, which takes off the noise of
+single pixels; gray levels added before the logarithm, so that noise in black is not steep; and side
+of the square in which a place must be the steepest. In pixels of the resized image, in which a
 patch has `SEEN_PX`. Chosen by hand."""
 LEAST_STEEPNESS = 1e-6
 """Smallest steepness of a place; it leaves out what is flat, and nothing else."""
