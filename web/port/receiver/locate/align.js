@@ -23,6 +23,7 @@ import { median } from "../../link/order.js";
 
 const {
   PHASES, MARGIN_PX, BLUR, DRAWN_BLUR, HALF_RANGE, MIN_STEP_PX, CORNER_SPREAD, RESIDUAL_LEVELS,
+  LEAST_BLUR_PX, LEVEL_RIDGE,
 } = receiverLocateAlign;
 
 /** Samples along each axis of a tile, in all phases. */
@@ -30,10 +31,6 @@ const FINE = Number(PHASES[0][0]);
 /** Samples at each end of a patch that are left out, because its surroundings reach them. */
 const RIM = 2;
 
-/** Smallest standard deviation of the image's blur, in pixels. */
-const LEAST_BLUR_PX = 0.7;
-/** Ridge on the levels of patches and tiles. */
-const LEVEL_RIDGE = 1e-3;
 /** Units of work of a phase. */
 const PHASE_WORK = 7;
 

@@ -18,6 +18,7 @@ import { steepestPlaces } from "./steep.js";
 export const { MAX_OUTSIDE } = receiverLocateSpots;
 const {
   PATCH_PX, SPOTS, KEPT, MAX_TURN_DEG, MAX_RATIO, MISSING, SUPPORT, BEND,
+  LEAST_DEPTH, SAME_WHOLE_PX, SAME_PARTIAL_PX,
 } = receiverLocateSpots;
 
 /** Number of places that are compared in one step. */
@@ -26,11 +27,6 @@ const STEP_SPOTS = 5;
 const MATCHES_APART = 0.4;
 /** Largest difference, in radians, of a match's direction from what the quadrilateral has there. */
 const MAX_TURN = (MAX_TURN_DEG * Math.PI) / 180;
-/** Smallest depth of a corner, beside that of the patches, at which the camera sees it. */
-const LEAST_DEPTH = 0.05;
-/** Distances, in pixels of the small image, below which two quadrilaterals are one. */
-const SAME_WHOLE_PX = 4.0;
-const SAME_PARTIAL_PX = 6.0;
 /**
  * Units of work of drawing templates, of resizing, of finding steep places, of comparing places, and
  * of one combination.
