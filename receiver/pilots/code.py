@@ -19,32 +19,41 @@ from link.types import Array
 MOST_STATE_HZ = 150.0
 """Largest number of states a second, a little more than the largest that is tried."""
 CLOCK_ERROR = 0.01
-"""Share by which the clocks of camera and display may differ from their nominal rates."""
+"""Share by which the clocks of camera and display may differ from their nominal rates: crystals
+keep within a ten-thousandth, but 59.94 passes for 60, and nominal rates of cameras are rounded."""
 MOST_STEPS = 4
 """Largest number of rates above a nominal rate that are tried, and below it: the longer the time
-that frames cover, the more could be told apart, and the work must be bounded."""
+that frames cover, the more could be told apart, and the work must be bounded. Chosen by hand."""
 PHASES = 2
-"""Number of moments that are tried within a state."""
+"""Number of moments that are tried within a state: no more than a quarter of a state is then
+missed. Chosen by hand."""
 DELAYS_S = np.arange(-32, 33, 8) / 1000
-"""Delays, in seconds, that are tried along either side of the display."""
+"""Delays, in seconds, that are tried along either side of the display: a camera and a panel go
+through their rows within a frame, 33 ms of a camera of 30 frames a second. A step is about a state
+of a display of 120 states a second."""
 SLOPES = np.array([(0.0, d) for d in DELAYS_S] + [(d, 0.0) for d in DELAYS_S if d])
 """(slopes, 2) times, in seconds, by which the right side of the display may be exposed after the
 left one, or the bottom after the top."""
 NO_SLOPE = len(DELAYS_S) // 2
 """Number of the slope at which the whole display is exposed at once."""
 SIDES = 4
-"""Number of parts along each side of the display that are each taken to be exposed at once."""
+"""Number of parts along each side of the display that are each taken to be exposed at once: of the
+longest of `DELAYS_S`, a part's own is 8 ms, one step of them."""
 COMPARED = 16
-"""Largest number of a part's series that are compared with all clocks."""
+"""Largest number of a part's series that are compared with all clocks. It bounds the work; chosen
+by hand."""
 RIVAL = 2
-"""Distance of clocks in the newest frame, in states, from which they are rivals."""
+"""Distance of clocks in the newest frame, in states, from which they are rivals: nearer ones are
+taken for the same clock, fitted badly."""
 OPEN = 0.5
-"""Exposure time that is taken for granted, as a share of a state or of a frame, if that is less."""
+"""Exposure time that is taken for granted, as a share of a state or of a frame, if that is less.
+Between all of it, as in the dark, and next to nothing, as in the sun."""
 SURER = 1 + 1e-5
 """Factor by which a clock must explain more than those before it: clocks may show the same in all
 frames, and rounding must not choose."""
 DRIFT = 3
-"""Number of powers of time, from 0 on, whose multiples are no toggling: motion and exposure."""
+"""Number of powers of time, from 0 on, whose multiples are no toggling: motion and exposure.
+Over some tenths of a second they are a constant, a slope and a bend."""
 
 
 @dataclass(frozen=True)

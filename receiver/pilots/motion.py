@@ -21,7 +21,8 @@ from link.layout import Layout
 from link.types import Array, Corners, Homography, Map
 
 MAP_PX = 4.0
-"""Smallest side of a block, in pixels, in maps of a display without what lies around it."""
+"""Smallest side of a block, in pixels, in maps of a display without what lies around it: the slope
+of a block's change at its borders, by which motion is seen, needs two pixels on either side."""
 
 UNIT_CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 """Corners of a display from -1 to 1."""

@@ -18,7 +18,9 @@ from link.types import Array
 from receiver.pilots.waves import MOST_SPAN, span_of, waves
 
 LEAST_DEVIATION = 0.3
-"""Gray levels added to a block's standard deviation over time before values are divided by it."""
+"""Gray levels added to a block's standard deviation over time before values are divided by it: the
+rounding to whole levels has a deviation of 0.29, so a block that shows nothing else does not count
+as much as one that toggles."""
 SLOWEST = 2
 """Number of periods in a window below which a frequency is not looked at: motion and exposure drift
 slowly, the display does not."""

@@ -10,36 +10,41 @@ from link.geometry import resized_homography
 from link.types import Array, Gray, Homography
 
 WIDTH = 640
-"""Largest width, in pixels, of the copies on which motion is followed."""
+"""Largest width, in pixels, of the copies on which motion is followed. It bounds the work.
+Constants in pixels of the copies were chosen by hand with it."""
 POINTS, MIN_POINTS = 400, 12
-"""Largest and smallest number of points that are followed."""
+"""Largest and smallest number of points that are followed. The largest bounds the work; the
+smallest is three times the four that a homography takes. Chosen by hand."""
 CLEAR, FAINT = 0.005, 0.002
 """Smallest share of how clear the clearest point is at which others are followed: less clear ones
 may be noise. The second holds where a picture may move, because the clearest points then are its,
-and those of the room count."""
+and those of the room count. Chosen by hand."""
 ROOM_POINTS, APART_PX = 24, 8.0
 """Number of points that must lie around a picture that moves, for them to say how the camera moves,
 and least distance of points from it and from each other, in pixels of the copies: motion is seen in
-`FLOW_PX` pixels."""
+`FLOW_PX` pixels. Chosen by hand."""
 FLOW_PX = 15
-"""Width and height, in pixels of the copies, of what is compared around a point."""
+"""Width and height, in pixels of the copies, of what is compared around a point; OpenCV takes 21
+unless told otherwise, and fewer cost less. Chosen by hand."""
 FLOW_ENDS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 5, 0.03)
 """When a point on a copy counts as found, as OpenCV takes it: after five steps, or one of 0.03 px.
 Corners then lie within 0.2 px of where its own 30 steps and 0.01 px put them, in half the time."""
 PARTS = 8
 """Number of parts of the image along each axis in each of which so many points are followed at
-most, so that a display has some where the room has clearer ones."""
+most, so that a display has some where the room has clearer ones. Chosen by hand."""
 SAME_PX = 0.7
-"""Largest distance, in pixels of the copies, of a point from where the common motion puts it."""
+"""Largest distance, in pixels of the copies, of a point from where the common motion puts it: a few
+times the 0.2 px to which `FLOW_ENDS` finds a point."""
 AGREEING = 0.5
 """Smallest share of the points within a quadrilateral that must move as one, for them to say how it
-moves."""
+moves: most of them."""
 TRIES, TRIES_WITHIN = 2000, 200
 """Largest number of motions that are tried by RANSAC, of a whole image and within a quadrilateral:
 where half of the points agree, four chosen points miss them in all of 200 tries once in 400,000."""
 SPREAD = 0.25
 """Smallest share of a quadrilateral's area over which points within it must be spread, for them to
-say how it moves: from points that lie close together nothing follows for the rest."""
+say how it moves: from points that lie close together nothing follows for the rest. Chosen by
+hand."""
 
 
 @dataclass(frozen=True, eq=False)

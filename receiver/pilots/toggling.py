@@ -22,11 +22,14 @@ from receiver.pilots.signal import LEAST_DEVIATION, common_phase, pilot_evidence
 from receiver.pilots.waves import waves
 
 LEAST_WAVE = 1e-3
-"""Power of the toggling that the frames of one period hold below which they tell nothing."""
+"""Power of the toggling that the frames of one period hold below which they tell nothing: one frame
+alone has none, and rounding leaves a little. Chosen by hand between 0 and what two frames have."""
 UNCLEAR = 0.85
-"""Share of what a clock explains from which a rival is about as good."""
+"""Share of what a clock explains from which a rival is about as good, so that more frames are
+awaited. Chosen by hand."""
 MOST_FRAMES = 64
-"""Largest number of frames, the newest, in which a code is looked for."""
+"""Largest number of frames, the newest, in which a code is looked for. It bounds the work, and
+drifts over longer times are not those of `receiver.pilots.code.DRIFT`. Chosen by hand."""
 
 
 @lru_cache(maxsize=2)

@@ -21,9 +21,21 @@ from receiver.pilots.code import MOST_STATE_HZ, CodeSearch
 ComplexArray = NDArray[np.complex128]
 
 MIN_STATE_HZ = 1.0
-"""Smallest number of states a second that is looked for."""
+"""Smallest number of states a second that is looked for: a frame pair then takes two seconds, and
+slower displays carry hardly anything."""
 MAX_STATES = 1.04
-"""Largest number of states a camera frame that is looked for."""
+"""Largest number of states a camera frame that is looked for: above one state a frame, a frame pair
+is seen in less than two frames (the sampling theorem), and 4 % are left for clocks that are off."""
+STATES_STEP, LEAST_STATES = 0.25, 3
+"""Step of the rates that are tried, and the smallest of them, in states over the window. States of
+rates that are half a step apart move against each other by an eighth of a state at most; fewer than
+three states could be a drift. Chosen by hand."""
+DELAY_GRID = np.linspace(-0.9, 0.9, 7)
+"""Delays that are tried along either side of the display, as shares of the longest one: steps of
+0.3, of which a fit finds the rest by itself. Chosen by hand."""
+LEAST_SHUTTER = 0.02
+"""Shortest exposure that is fitted, as a share of a camera frame. A shorter one shows the same in
+all frames, and a wave without slopes could not be fitted. Chosen by hand."""
 PANEL_S = 1 / 60
 """Longest time, in seconds, in which a panel writes its rows; the camera reads its own within
 a frame. The delays across the display are at most the longer of the two."""
@@ -31,23 +43,42 @@ DRIFT_HZ = 0.3
 """Highest frequency of a drift that is taken off; the slowest display toggles at 0.5 Hz."""
 STARTS, ROUNDS = 4, 12
 """Number of clocks from which a fit starts under each of two models of the noise, and number of
-steps that it takes."""
+steps that it takes; of a clock that is known, half so many. Chosen by hand: the strongest rate is
+mostly the right one, and a fit has come to rest before."""
 SPREAD_QUANTILES = (0.16, 0.84)
-"""Quantiles of the toggles of a place between which a normal deviation to both sides lies."""
+"""Quantiles of the toggles of a place between which one standard deviation to both sides lies, if
+they are normal."""
 OUTLIER = 4.0
 """Distance from a place's middle, in half distances between its 16 % and 84 % quantiles, at which a
-toggle counts as unseen."""
+toggle counts as unseen: chance goes so far once in 16,000 times, something in the way much more
+often."""
 NEIGHBOURS = np.array([0.0, -0.3, 0.3])
 """Starts of a fit beside a clock: relative changes of its period, in states over a window. Where no
-exposure mixes two states, a fit does not move by itself."""
+exposure mixes two states, a fit does not move by itself. Chosen by hand."""
 MIN_SEEN = 8
-"""Smallest number of toggles of a place that counts."""
+"""Smallest number of toggles of a place that counts: from fewer, neither its drift nor the
+correlation of its noise can be told. Chosen by hand."""
 MAX_CORRELATION = 0.95
-"""Largest correlation from one frame to the next that noise may have."""
+"""Largest correlation from one frame to the next that noise may have. At 1 it would be a walk, of
+which whitening leaves nothing slow. Chosen by hand."""
 STEP = 0.05
-"""Step of numerical derivatives, in the natural units of a clock's five numbers."""
+"""Step of numerical derivatives, in the natural units of a clock's five numbers: small against 1,
+over which the wave changes wholly, and large against rounding. Chosen by hand."""
 REACH = 0.4
-"""Largest step of a fit, in the natural units of a clock's five numbers."""
+"""Largest step of a fit, in the natural units of a clock's five numbers: farther than about half a
+unit the derivatives say nothing. Chosen by hand."""
+DAMPING, EASED, STIFFENED = 0.1, 3, 5
+"""Damping of the first step of a fit, in shares of the wave's own power in each direction
+(Levenberg and Marquardt), by how many times less it is after a step that led up, and by how many
+times more after one that did not. Chosen by hand."""
+ALONG_FLAT = 0.01
+"""Share of the power of the wave that is added where damping is measured, so that a number that the
+wave does not depend on stays. Chosen by hand."""
+PRIOR = np.array([1e-6, 0.01, 0.01, 1.0, 1.0, 1.0])
+"""What is known of amplitude, period, start, both delays and shutter before a fit: inverse
+variances in natural units, as multiples of what the toggles would tell at a noise of one. Delays
+and shutter are known to about their unit, a camera frame, since neither may be longer; period and
+start to ten units, which is as good as not at all, and keeps the covariance finite."""
 
 
 @dataclass(frozen=True)
@@ -134,8 +165,8 @@ class ToggleWindow:
         There are none where the window is too short for the camera's nominal rate, which then is
         far below the real one.
         """
-        slowest, fastest = max(MIN_STATE_HZ, 3 / self._span), MAX_STATES / self._frame
-        return np.arange(slowest, fastest, 0.25 / self._span)
+        slowest, fastest = max(MIN_STATE_HZ, LEAST_STATES / self._span), MAX_STATES / self._frame
+        return np.arange(slowest, fastest, STATES_STEP / self._span)
 
     def search(self) -> ClockFit:
         """Find the clock that explains the toggles best, among all of `state_hz`, at least one."""
@@ -301,10 +332,10 @@ class ToggleWindow:
         """Climb from each clock (Levenberg and Marquardt); clocks in order, the best first."""
         limit, delay = self._frame, max(self._frame, PANEL_S)
         fastest = limit / MAX_STATES if self._code == PLAIN else 1 / MOST_STATE_HZ
-        low = np.array([fastest, -np.inf, -delay, -delay, 0.02 * limit])
+        low = np.array([fastest, -np.inf, -delay, -delay, LEAST_SHUTTER * limit])
         high = np.array([1 / MIN_STATE_HZ, np.inf, delay, delay, limit])
         best, score = clocks, np.full(len(clocks), -np.inf)
-        damping = np.full(len(clocks), 0.1)
+        damping = np.full(len(clocks), DAMPING)
         normal, right = np.zeros((len(clocks), 6, 6)), np.zeros((len(clocks), 6))
         for _ in range(rounds):
             gram, product = self._products(self._moved(clocks))
@@ -312,7 +343,7 @@ class ToggleWindow:
             better = reached > score
             best = np.where(better[:, None], clocks, best)
             score = np.where(better, reached, score)
-            damping = np.where(better, damping / 3, damping * 5)
+            damping = np.where(better, damping / EASED, damping * STIFFENED)
             fresh, fresh_right = self._linear(gram, product)
             normal = np.where(better[:, None, None], fresh, normal)
             right = np.where(better[:, None], fresh_right, right)
@@ -324,7 +355,7 @@ class ToggleWindow:
     def _step(normal: Array, right: Array, damping: Array) -> Array:
         """The damped step of each fit, (C, 5), in natural units."""
         diagonal = np.einsum("ckk->ck", normal)
-        heavier = damping[:, None] * (diagonal + 0.01 * diagonal[:, :1]) + 1e-9
+        heavier = damping[:, None] * (diagonal + ALONG_FLAT * diagonal[:, :1]) + 1e-9
         heavier[:, 0] = 1e-9
         solution = np.linalg.solve(normal + heavier[:, :, None] * np.eye(6), right[:, :, None])[
             ..., 0
@@ -335,8 +366,7 @@ class ToggleWindow:
 
     def _covariance(self, best: Array, gram: Array, amplitude: float) -> Array:
         normal, _ = self._linear(gram[None], np.zeros((1, 6)))
-        # delays and shutter are known beforehand to about a frame
-        prior = np.array([1e-6, 0.01, 0.01, 1, 1, 1]) * max(amplitude, 1e-3) ** 2
+        prior = PRIOR * max(amplitude, 1e-3) ** 2
         scaled = np.linalg.inv(normal[0] + np.diag(prior))[1:, 1:] / max(amplitude, 1e-3) ** 2
         units = self._units(best)[0]
         return np.asarray(scaled * units[:, None] * units)
@@ -350,7 +380,7 @@ class ToggleWindow:
         """
         state_hz = self.state_hz
         waves = np.exp(-1j * np.pi * state_hz[:, None] * self._times)
-        grid = np.linspace(-0.9, 0.9, 7) * max(self._frame, PANEL_S)
+        grid = DELAY_GRID * max(self._frame, PANEL_S)
         along = -1j * np.pi * state_hz[:, None, None] * grid
         across, down = (np.exp(along * self._places[:, axis, None]) for axis in (0, 1))
         turns = (across[:, :, None, :] * down[:, :, :, None]).reshape(*across.shape[:2], -1)

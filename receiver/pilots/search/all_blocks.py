@@ -30,28 +30,36 @@ from receiver.pilots.toggling import TogglePattern
 
 LEAST_SIDE_PX, MOST_SHRUNK = 4.0, 2
 """Smallest side of a block, in pixels of the maps, and the largest factor by which the maps are
-smaller than the layout."""
+smaller than the layout: slopes at the borders of blocks need two pixels on either side
+(`receiver.pilots.motion.MAP_PX`), and more pixels cost more."""
 STEP_PERIODS = 32
-"""Number of periods whose changes are measured in one step."""
+"""Number of periods whose changes are measured in one step, which then takes about as long as other
+steps of the search. Chosen by hand."""
 SPAN = 0.15
-"""Standard deviation, in blocks, over which the expected and the seen changes are smoothed."""
+"""Standard deviation, in blocks, over which the expected and the seen changes are smoothed:
+edges of blocks keep a slope that is wider than a pixel of the maps. Chosen by hand."""
 LEAST_NOISE, LEAST_TOGGLING = 0.02, 0.01
 """Smallest variance of the noise, and smallest squared toggling of a block, as shares of the mean
-square of the blocks' changes."""
+square of the blocks' changes. They keep likelihood ratios finite where a film has no noise, and
+blocks in the fit that toggle less than can be told. Chosen by hand."""
 SURE_RATIO = 9.0
-"""Half a log-likelihood ratio from which on the direction of a block's change is no surer."""
+"""Half a log-likelihood ratio from which on the direction of a block's change is no surer: the
+hyperbolic tangent of 9 is 1 but for 3e-8, the rounding of float32."""
 EXPECTED_BLOCKS = 0.1
 """Standard deviation, in blocks, that corners which the pilots fitted are expected to be off by:
 where few blocks stand out of the noise, they do not lead the corners away. A lens that bends the
 display by less counts as one that does not."""
 EXPECTED_K = 0.05
-"""Standard deviation that the lens's coefficient is expected to have."""
+"""Standard deviation that the lens's coefficient is expected to have, a third of `LARGEST_K`.
+Chosen by hand."""
 LARGEST_K = 0.15
-"""Largest coefficient of a lens, either way, that is believed."""
+"""Largest coefficient of a lens, either way, that is believed. Chosen by hand."""
 K_STEP = 1e-3
-"""Change of the lens's coefficient by which it is found how places of the display move with it."""
+"""Change of the lens's coefficient by which it is found how places of the display move with it: a
+numerical derivative, small against `EXPECTED_K` and large against rounding."""
 SETTLED_PX = 0.05
-"""Motion, in pixels of the maps, below which a step is the last one."""
+"""Motion, in pixels of the maps, below which a step is the last one: about a hundredth of a block,
+while `EXPECTED_BLOCKS` is a tenth."""
 FROM_UNIT = pixels_from_unit(2, 2)
 """(3, 3) homography from a display from -1 to 1 to a frame of 2 by 2 pixels."""
 

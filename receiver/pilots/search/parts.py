@@ -24,13 +24,14 @@ PARTS = ((4, 6), (2, 3), (1, 1))
 """Numbers of parts, from top to bottom and from left to right, that are shifted by themselves.
 Small parts tell more of the shape; large ones stand out of more noise, and are tried next."""
 COARSE_SIZE = (256, 192)
-"""Width and height of the maps in which parts are shifted."""
+"""Width and height of the maps in which parts are shifted: four pixels a block of the preset
+`hidden`, whose grid has 48 x 64 blocks."""
 ROUGH_PX = 2
 """Side of a block, in pixels, of the maps in which shifts are tried of a display that may be far
-off, and clocks with them."""
+off, and clocks with them. Shifts are then tried in steps of half a block. Chosen by hand."""
 REACH_BLOCKS, REACH_SHARE = 3.0, 0.1
 """Largest shift of a part that is looked for, in blocks, or as a share of the display's width, if
-that is more."""
+that is more. A frame around a display makes edges so far off. Chosen by hand."""
 CLEAR = 20.0
 """Height of a part's best match, as a multiple of the mean of its other matches, from which on it
 is believed; chance exceeds it once in some hundred thousand parts."""
@@ -38,9 +39,11 @@ HALF_REAL = 0.2275
 """Half the median of a squared normal variable: of squared real matches, a median more is so many
 times rarer, as a power of e."""
 FEW, MANY = 4, 10
-"""Number of clear parts from which on an affine transform is fitted, and a homography."""
+"""Number of clear parts from which on an affine transform is fitted, and a homography: they take
+three and four, and one or six more that agree by more than chance. Chosen by hand."""
 SAME_BLOCKS = 0.6
-"""Distance, in blocks, within which parts' shifts agree with a transform."""
+"""Distance, in blocks, within which parts' shifts agree with a transform: blocks half a block off
+still match. Chosen by hand."""
 
 
 def coarse_shift(

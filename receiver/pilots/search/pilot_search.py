@@ -28,7 +28,7 @@ WINDOWS = 2
 watched."""
 STEPS_HZ = 60.0
 """Number of steps of the search that are done in a second, at least: the frames of a slow camera
-leave time for several. What is proposed late takes half of them."""
+leave time for several. What is proposed late takes half of them. Chosen by hand."""
 
 
 @dataclass(frozen=True)

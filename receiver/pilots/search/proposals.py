@@ -22,26 +22,32 @@ from receiver.pilots.search.watch import Watch
 from receiver.pilots.toggling import TogglePattern, Wave, find_toggling
 
 CANDIDATES = 6
-"""Number of quadrilaterals that are made of the edges of an image."""
+"""Number of quadrilaterals that are made of the edges of an image. It bounds the work; chosen by
+hand."""
 BRIGHT_PX, DARK_PX = 13, 9
 """Sides of the squares, in pixels of the map of what toggles, below which bright details of the
-picture are taken off before dark ones, and dark ones before bright ones."""
+picture are taken off before dark ones, and dark ones before bright ones: wider than strokes of
+letters or streets of a map, narrower than the display. Chosen by hand."""
 LEAVING = 2
-"""Number of quadrilaterals of edges with a corner outside the image that are glanced at, too."""
+"""Number of quadrilaterals of edges with a corner outside the image that are weighed coarsely, too.
+It bounds the work; chosen by hand."""
 STRONGEST = 2
 """Number of quadrilaterals, those of the strongest edges, that the pilots are fitted to before most
-others are glanced at; the strongest one of faint edges is another."""
+others are weighed coarsely; the strongest one of faint edges is another. It bounds the work; chosen
+by hand."""
 CLEAREST = 2
-"""Number of quadrilaterals, the clearest at a glance, that the pilots are fitted to at last."""
+"""Number of quadrilaterals, those of most coarse evidence, that the pilots are fitted to at last.
+It bounds the work; chosen by hand."""
 FRAME_SHARE = 0.02
 """Width of a frame around the display, as a share of the display's sides: edges may be those of the
-frame, so quadrilaterals within them are glanced at, too."""
+frame, so quadrilaterals within them are weighed coarsely, too. Chosen by hand."""
 STATES_HZ = (15.0, 30.0, 60.0, 120.0)
 """Numbers of states a second at which what toggles is outlined; where edges bound the display, it
-is found at any rate."""
+is found at any rate. Panels show states at whole parts of 60 and 120 Hz."""
 PROMISING = 9.0
 """Evidence of a quadrilateral, before it pays, at which its corners are refined at once; without so
-much in a search in vain, there was probably no display to be seen."""
+much in a search without a detection, there was probably no display to be seen. The false-alarm
+probability of one quadrilateral is e to the -9, one in 8,000: dear steps are taken for few."""
 
 
 PilotsSeen = list[list[NDArray[np.float32]]]

@@ -18,30 +18,38 @@ from receiver.pilots.search.watch import NEXT_FRAME, Watch
 from receiver.pilots.toggling import over_deviation
 
 SURE, SURE_SHARE = 16.0, 0.5
-"""Smallest evidence, after paying for everything that was tried, at which a display is found: the
-natural logarithm of one false alarm in some ten million searches. Few pilots cannot bring so much;
-for them it is this share of their number."""
+"""Detection threshold: the smallest evidence, after paying for everything that was tried, at which
+a display is detected. Evidence is the natural logarithm of the false-alarm probability with the
+sign turned, so 16 allows one false alarm in some ten million searches. Few pilots cannot bring so
+much; for them it is this share of their number."""
 TRIALS = 1000
-"""Number of quadrilaterals, turns, layouts and rounds that a search may try, for which evidence
-pays."""
+"""Number of quadrilaterals, turns, layouts and rounds that a search may try: evidence pays its
+natural logarithm, since the false-alarm probability of the search is at most so many times that of
+a trial (Bonferroni). Chosen by hand."""
 CERTAIN, CERTAIN_SHARE = 35.0, 0.75
 """Evidence from which on a display is believed at once, and the share of the number of pilots that
-is enough where it is less; below it, later frames must agree."""
+is enough where it is less; below it, later frames must agree. Corners that were fitted to the same
+frames bring evidence of their own, which `TRIALS` does not pay for; twice `SURE` and more was
+chosen by hand to outweigh it."""
 CONFIRMED = 9.0
-"""Evidence, before it pays for anything, that later frames must bring where they must agree."""
+"""Evidence, before it pays for anything, that later frames must bring where they must agree: a
+false-alarm probability of one in 8,000, for a place that was chosen before they came."""
 LOOKS, EARLY = (0.5, 0.75, 1.0), 2.0
 """Shares of the later frames after which it is seen whether they agree, and the evidence that must
-come on top before the last of them, because chance gets a try with each."""
+come on top before the last of them, because chance gets a try with each. Chosen by hand; the price
+of three tries is at most the logarithm of 3, which is 1.1."""
 NEARLY = 0.5
-"""Share of the evidence needed from which on later frames are waited for, to be weighed too."""
+"""Share of the evidence needed from which on later frames are waited for, to be weighed too:
+evidence grows with the number of frames, and some two thirds as many come (`Watch.confirming`)."""
 HINT = 6.0
 """Evidence of a proposal, before it pays, at which its corners are refined once all frames were
-seen."""
+seen: a false-alarm probability of one in 400, so that few proposals of chance cost the time."""
 COARSE_ROUNDS, BLOCK_ROUNDS, LENS_ROUNDS = 5, 5, 20
 """Largest number of times that corners are moved by parts of the display, by all of its blocks, and
-by these while the lens is found, too."""
+by these while the lens is found, too. They bound the work; chosen by hand."""
 SETTLED_PX = 3.0
-"""Distance, in layout pixels, below which a coarse move is the last one."""
+"""Distance, in layout pixels, below which a coarse move is the last one: less than half a block of
+8 px, from where the fit by all blocks goes on. Chosen by hand."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,41 +26,53 @@ SLOWEST = 3
 slowly, displays do not."""
 BAND, QUIET = (0.55, 1.3), (1.85, 2.15)
 """Ends of the band in which toggling has power, and of that in which it has none, as multiples of
-the toggling rate."""
+the toggling rate. A block that goes up or down in each pair, as random bits say, has the spectrum
+of a Manchester code, which is strongest a little below its rate and has a zero at twice it."""
 BAND_WAVES, QUIET_WAVES = 4, 2
-"""Largest number of frequencies at which power is measured in either band."""
+"""Largest number of frequencies at which power is measured in either band. They bound the work;
+chosen by hand."""
 MEASURED = 2
-"""Number of frequencies at which power is measured in one step."""
+"""Number of frequencies at which power is measured in one step, which then takes about as long as
+other steps of the search. Chosen by hand."""
 STACKED = 16
 """Number of frames that are added up at once: more would be as quick, but for their memory."""
 FINE_PX, COARSE_PX = 1.0, 4.0
-"""Standard deviations, in pixels of the maps, of the band of sizes that is looked at."""
+"""Standard deviations, in pixels of the maps, of the band of sizes that is looked at: that of
+blocks, between the noise of pixels and what exposure and shadows change. Chosen by hand."""
 SMOOTH_PX, LEAST_POWER = 7.0, 0.05
 """Standard deviation, in pixels of the maps, over which power is averaged, and the share of its
-median that is added everywhere."""
+median that is added everywhere: several blocks, so that power is even within a display, and a
+little where nothing moves at all. Chosen by hand."""
 CEILING = 1.5
-"""Logarithm of power over the usual, above which more does not count."""
+"""Logarithm of power over the usual, above which more does not count: one bright flicker must not
+lift its surroundings. Chosen by hand."""
 EVEN_PX = 9.0
-"""Standard deviation, in pixels of the maps, over which that logarithm is averaged."""
+"""Standard deviation, in pixels of the maps, over which the logarithm of power over the usual is
+averaged. Chosen by hand; `FAINT` allows for what it spreads."""
 CLEAR_QUANTILE = 0.98
-"""Quantile of the excess, over all parts of the image, of which half is clear toggling."""
+"""Quantile of the excess, over all parts of the image, of which half is clear toggling: a display
+of 2 % of the image still holds the highest parts. Chosen by hand."""
 LEAST_EXCESS = 0.25
 """Smallest averaged logarithm at which a place toggles; half of what the clearest places have is
-needed as well."""
+needed as well. Chosen by hand."""
 CLOSED_PX, OPENED_PX = 45, 31
-"""Size, in pixels of the maps, of holes that are closed, and of specks that are dropped."""
+"""Size, in pixels of the maps, of holes that are closed, and of specks that are dropped: dark parts
+of a picture hardly toggle. Chosen by hand."""
 FIT_PX = 4
-"""Number of pixels of the map, along each axis, in one of the copy to which outlines are fitted."""
+"""Number of pixels of the map, along each axis, in one of the copy to which outlines are fitted:
+the last of `FIT_STEPS` is finer than that, and sums cost a sixteenth. Chosen by hand."""
 FIT_STEPS = (24.0, 12.0, 6.0, 3.0)
-"""Distances, in pixels of the map, by which corners are tried to be moved."""
+"""Distances, in pixels of the map, by which corners are tried to be moved: each half the last
+one, from the rounding of a corner by `CLOSED_PX` down. Chosen by hand."""
 MOVES = np.array([[x, y] for x in (-1, 0, 1) for y in (-1, 0, 1) if x or y], float)
 """Directions in which corners are tried to be moved."""
 FAINT, EDGE_SHARE = 0.12, 0.25
 """Averaged logarithm above the usual one at which a place speaks for lying within the outline, and
 the share of what is usual where it toggles clearly, if that is more: averaging spreads it over the
-display's edges."""
+display's edges. Chosen by hand."""
 LEAST_SHARE = 0.01
-"""Smallest share of the image that a toggling display covers."""
+"""Smallest share of the image that a toggling display covers: twice that of
+`receiver.pilots.search.film.LEAST_AREA`, since averaging spreads it. Chosen by hand."""
 
 
 class ToggleMap:

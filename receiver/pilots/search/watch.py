@@ -14,17 +14,21 @@ from receiver.pilots.waves import position
 
 WINDOW_S, LEAST_WINDOW, MOST_WINDOW = 0.4, 24, 48
 """Time, in seconds, for which a room is watched before what toggles is outlined, and the smallest
-and the largest number of frames that are watched: quick cameras see more of less light."""
+and the largest number of frames that are watched: quick cameras see more of less light. The
+shortest window has six periods of a display that shows two states in four frames. Chosen by
+hand."""
 IN_VIEW = 0.75
-"""Smallest share of the reference frame that must still be in view for a search to go on."""
+"""Smallest share of the reference frame that must still be in view for a search to go on. Chosen by
+hand."""
 CHECKED = (np.indices((8, 8)).reshape(2, -1).T + 0.5) / 8  # (2, 8, 8) -> (64, 2)
-"""Places of the reference frame, x and y in [0, 1], that are looked for in the newest one."""
+"""Places of the reference frame, x and y in [0, 1], that are looked for in the newest one: they
+tell `IN_VIEW` to 2 %."""
 NEXT_FRAME = 1000
 """Units of work (`link.steps`) of a step of the search after which it needs a frame that has
 yet to come: more than there is room for. Any other step is one unit, or two where it takes long."""
 HELD_S, LEAST_HELD = 0.5, 35
 """Time, in seconds, and smallest number of frames for which the newest frames are kept: a display
-that is found is read in them, too."""
+that is found is read in them, too. They bound the memory; chosen by hand."""
 
 
 class Watch:

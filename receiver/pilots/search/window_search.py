@@ -27,8 +27,9 @@ from receiver.pilots.search.proposals import (
 from receiver.pilots.search.settle import HINT, Settled, settle
 from receiver.pilots.search.watch import NEXT_FRAME, Watch
 
-GLANCES = 2
-"""Number of quadrilaterals that are glanced at in one step."""
+WEIGHED_AT_ONCE = 2
+"""Number of quadrilaterals that are weighed coarsely in one step, which then takes about as long as
+other steps of the search. Chosen by hand."""
 ANY_TURN = 0, 1
 """Quarter turns after which quadrilaterals are tried upright and upside down, so that any of their
 sides may be up."""
@@ -134,7 +135,7 @@ class WindowSearch:
             evidence, proposal = self._proposer.glance(quad, turns, count)
             if evidence > PROMISING and (found := (yield from self._weigh_and_settle(proposal))):
                 return found
-            if number % GLANCES == GLANCES - 1:
+            if number % WEIGHED_AT_ONCE == WEIGHED_AT_ONCE - 1:
                 yield 1
         return None
 
