@@ -133,7 +133,7 @@ class CodeSearch:
         self._weights = np.asarray(1 / (powers + 1e-9), np.float32)
 
     def strongest(self, values: NDArray[np.floating], count: int = 1) -> list[CodeLock]:
-        """Find the clocks by which values follow their signs most surely, the surest first.
+        """Find the clocks by which values follow their signs most surely, the likeliest first.
 
         Clocks are compared by how much of all values they explain over time, by least squares. To
         tell whether that is chance, the signs are regressed on X_p, the sum of a place's values

@@ -165,10 +165,10 @@ class BlockFit:
         H = self._H_old_from_new @ unit_homography(move[:8])
         self._H_old_from_new = H / H[2, 2]
         self._k = float(np.clip(self._k + move[8:].sum(), -LARGEST_K, LARGEST_K))
-        settled = bool(np.abs(move).max() * self.maps.inner[0] / 2 < SETTLED_PX)
-        if settled:
+        at_rest = bool(np.abs(move).max() * self.maps.inner[0] / 2 < SETTLED_PX)
+        if at_rest:
             self._best = self._H_old_from_new, self._k
-        return settled
+        return at_rest
 
     def bends(self) -> bool:
         """Tell whether the lens that the next step tries bends the display by much of a block."""

@@ -3,9 +3,9 @@
 A search looks at a window of some tenths of a second (`window_search`). While it does, the frames
 of the next window are watched, so that a display which comes late need not wait for its end.
 
-Where something toggled like a display and none was sure, the next window takes the picture for one
-that moves, as a video does, and holds the room still alone. The work is cut into steps, one or two
-for each frame, so that no frame takes long.
+Where something toggled like a display and none was detected, the next window takes the picture for
+one that moves, as a video does, and holds the room still alone. The work is cut into steps, one or
+two for each frame, so that no frame takes long.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from link.layout import Layout
 from link.pilot_code import PLAIN
 from link.types import Corners, Image
 from receiver.pilots.search.film import HeldFrame
-from receiver.pilots.search.settle import Settled
+from receiver.pilots.search.settle import Detection
 from receiver.pilots.search.watch import NEXT_FRAME, Watch
 from receiver.pilots.search.window_search import ANY_TURN, Search, WindowSearch
 
@@ -81,7 +81,7 @@ class PilotSearch:
             time: time of the frame, seconds; rising from frame to frame.
 
         Returns:
-            the display once it is sure, else None.
+            the display once it is detected, else None.
         """
         gray = as_gray(image)
         for window in tuple(self._windows):
@@ -110,8 +110,8 @@ class PilotSearch:
     def _begin(self, image: Image, time: float) -> None:
         """Begin a window with a frame.
 
-        After one in vain, windows of coded displays are longer, and what is proposed late is tried
-        upright and sideways by turns.
+        After one without a detection, windows of coded displays are longer, and what is proposed
+        late is tried upright and sideways by turns.
         """
         number = self._failed + len(self._windows)
         watch = Watch(
@@ -132,20 +132,20 @@ class PilotSearch:
         if window.is_doubtful and not any(o.watch.picture_moves for o in self._windows):
             self._windows, self.picture_moves = {}, True
 
-    def _ended(self, settled: Settled | None, window: WindowSearch) -> PilotDisplay | None:
+    def _ended(self, detection: Detection | None, window: WindowSearch) -> PilotDisplay | None:
         """Say what was found in a window, and choose how the next one begins."""
         watch = window.watch
-        if settled is None:
+        if detection is None:
             self._failed += 1
             self._give_up(window)
             return None
         self._failed, self._windows, self.picture_moves = 0, {}, watch.picture_moves
-        proposal, (*held, newest) = settled.proposal, watch.held
+        proposal, (*held, newest) = detection.proposal, watch.held
         return PilotDisplay(
             layout=proposal.layout,
             corners=newest.corners(proposal.corners),
             first_corners=proposal.corners,
-            k=settled.k,
+            k=detection.k,
             clock=proposal.toggling.clock_in_seconds(self._fps, watch.first.time),
             held=tuple(held),
         )

@@ -99,7 +99,7 @@ def weigh(
 class Proposer:
     """Proposes where the display may be in a film, and what it may show.
 
-    Quadrilaterals of edges in the reference are glanced at while frames are still being watched.
+    Quadrilaterals of edges in the reference are weighed coarsely while frames are being watched.
     What toggles, faint edges and the pilots' fit propose others once all have been.
 
     Args:
@@ -113,7 +113,7 @@ class Proposer:
         self._finest = finest.cols, finest.rows
         periods = (np.array(STATES_HZ) / 2 / watch.fps) % 1
         self._frequencies = sorted({float(f) for f in np.minimum(periods, 1 - periods) if f > 0})
-        self._glances: dict[bytes, tuple[float, Proposal, Array]] = {}
+        self._coarse: dict[bytes, tuple[float, Proposal, Array]] = {}
         self._kept: dict[tuple[bytes, int], PilotsSeen] = {}
 
     def edges(self) -> Steps[list[Array]]:
@@ -150,7 +150,7 @@ class Proposer:
                 outlines.append(self._watch.on_image(outline))
         return outlines
 
-    def glance(
+    def weigh_coarsely(
         self, quad: Array, turns: Sequence[int], count: int | None = None
     ) -> tuple[float, Proposal]:
         """Weigh a quadrilateral by small views of what toggles in it.
@@ -166,10 +166,10 @@ class Proposer:
         ways = []
         for turn in turns:
             values = self.pilots_seen(quad, turn, count)
-            ways.append(self._surest(np.roll(quad, -turn, axis=0), values, self._layouts))
-        surest = max(ways, key=lambda way: way[0])
-        self._glances[quad.tobytes()] = *surest, quad
-        return surest
+            ways.append(self._likeliest(np.roll(quad, -turn, axis=0), values, self._layouts))
+        likeliest = max(ways, key=lambda way: way[0])
+        self._coarse[quad.tobytes()] = *likeliest, quad
+        return likeliest
 
     def pilots_seen(self, quad: Array, turn: int, count: int | None = None) -> PilotsSeen:
         """Measure what may be pilots in small views of a quadrilateral.
@@ -188,19 +188,19 @@ class Proposer:
         values += [_pilots_in(view, self._layouts) for view in views]
         return values
 
-    def glances(self) -> list[tuple[float, Proposal, Array]]:
-        """List what was seen last of each quadrilateral (`glance`), the clearest first."""
-        return sorted(self._glances.values(), key=lambda seen: -seen[0])
+    def weighed_coarsely(self) -> list[tuple[float, Proposal, Array]]:
+        """List what was seen last of each quadrilateral (`weigh_coarsely`), the clearest first."""
+        return sorted(self._coarse.values(), key=lambda seen: -seen[0])
 
-    def surest_in(self, corners: Array, layouts: Sequence[Layout]) -> tuple[float, Proposal]:
-        """Choose the layout, upright or upside down, that is surest in small views of corners."""
+    def likeliest_in(self, corners: Array, layouts: Sequence[Layout]) -> tuple[float, Proposal]:
+        """Choose the layout, either side up, that is likeliest in small views of corners."""
         views = self._watch.map.views(self._watch.places(corners), *self._finest)
-        return self._surest(corners, [_pilots_in(view, layouts) for view in views], layouts)
+        return self._likeliest(corners, [_pilots_in(view, layouts) for view in views], layouts)
 
-    def _surest(
+    def _likeliest(
         self, corners: Array, values: PilotsSeen, layouts: Sequence[Layout]
     ) -> tuple[float, Proposal]:
-        """Choose the layout, upright or upside down, that is surest by pilots in the frames."""
+        """Choose the layout, upright or upside down, that is likeliest by pilots in the frames."""
         at, found = positions(self._watch.frames[: len(values)]), []
         for way, (layout, half) in enumerate(product(layouts, (0, 2))):
             picked = [each[way] for each in values]

@@ -1,4 +1,10 @@
-"""Move the corners of a proposal to where its pilots fit the grid, and say whether that is sure."""
+"""Verify a proposal: move its corners to where the pilots fit the grid, and test for a display.
+
+A *proposal* is a quadrilateral that may be a display. Its *evidence* is the natural logarithm of
+the probability that chance brings as much, which is a false alarm, with the sign turned. A display
+is detected where evidence reaches the detection threshold `SURE`. Unless it is far above, later
+frames, to which the corners were not fitted, must agree.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -53,8 +59,8 @@ SETTLED_PX = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Settled:
-    """A display that is sure."""
+class Detection:
+    """A display that was detected."""
 
     proposal: Proposal
     """Where it is in the reference frame, and what it shows."""
@@ -62,16 +68,16 @@ class Settled:
     """Coefficient of the lens (`link.geometry.Lens`); 0 where nothing speaks for another."""
 
 
-def settle(
+def verify(
     proposal: Proposal,
     evidence: float,
     watch: Watch,
-) -> Steps[Settled | None]:
+) -> Steps[Detection | None]:
     """Move corners to where the pilots fit the grid, step by step, and weigh what they bound.
 
     A move by the pilots is kept only if they then toggle more surely: in a dark picture, parts may
-    have been matched amiss. What all blocks say of the corners is kept where the display is sure
-    there, too.
+    have been matched amiss. What all blocks say of the corners is kept where the display is
+    detected there, too.
 
     Args:
         proposal: where a display may be.
@@ -79,7 +85,7 @@ def settle(
         watch: the film, of which there may be more after each step.
 
     Returns:
-        None where it is not sure.
+        the display, or None where none is detected.
     """
     layout, frames = proposal.layout, list(watch.frames)
     needed = min(SURE, SURE_SHARE * layout.pilots)
@@ -133,7 +139,7 @@ def settle(
     while not toggling.clear and len(watch.later) < watch.confirming:
         yield NEXT_FRAME  # each frame that comes tells more of the clock
         _, toggling = weigh(best, [*watch.frames, *watch.later], watch.fps, known)
-    return Settled(replace(best, toggling=toggling), k)
+    return Detection(replace(best, toggling=toggling), k)
 
 
 def _by_parts(proposal: Proposal, frames: Sequence[HeldFrame]) -> Steps[Array]:

@@ -1,8 +1,8 @@
 """Look for a display in one window of a film: the frames that follow a reference frame.
 
 Edges and what toggles (`toggle_map`) propose where the display may be. Corners then move to where
-the pilots fit the grid, and the display is believed if its blocks toggle with the pilots' signs
-beyond doubt (`settle`). That also tells which way up it is and which of several grids it shows.
+the pilots fit the grid, and a display is detected if its blocks toggle with the pilots' signs
+(`settle.verify`). That also tells which way up it is and which of several grids it shows.
 """
 
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ from receiver.pilots.search.proposals import (
     inset,
     weigh,
 )
-from receiver.pilots.search.settle import HINT, Settled, settle
+from receiver.pilots.search.settle import HINT, Detection, verify
 from receiver.pilots.search.watch import NEXT_FRAME, Watch
 
 WEIGHED_AT_ONCE = 2
@@ -33,8 +33,8 @@ other steps of the search. Chosen by hand."""
 ANY_TURN = 0, 1
 """Quarter turns after which quadrilaterals are tried upright and upside down, so that any of their
 sides may be up."""
-Search = Steps[Settled | None]
-"""Steps of the search, which end with the display that is sure, or None."""
+Search = Steps[Detection | None]
+"""Steps of the search, which end with the display that is detected, or None."""
 
 
 class WindowSearch:
@@ -49,17 +49,17 @@ class WindowSearch:
     def __init__(self, watch: Watch, layouts: Sequence[Layout], turns: Sequence[int]) -> None:
         self.watch, self._turns = watch, turns
         self._proposer = Proposer(watch, layouts)
-        self.surest_seen = 0.0
+        self.most_evidence = 0.0
         """Largest evidence of a quadrilateral so far, before it pays."""
         self.is_late = False
-        """Whether all edges have been glanced at, in all frames that are watched."""
+        """Whether all edges have been weighed coarsely, in all frames that are watched."""
         self.waiting: list[Search] = []
-        """Proposals being settled that have waited for a frame, or wait for one."""
+        """Verifications that have waited for a frame, or wait for one."""
 
     @property
     def is_doubtful(self) -> bool:
         """Whether something toggles like a display, unless its picture moves, too."""
-        return self.surest_seen > PROMISING and not self.watch.picture_moves
+        return self.most_evidence > PROMISING and not self.watch.picture_moves
 
     def steps(self) -> Search:
         """Search, each step with the frames that have come so far.
@@ -67,12 +67,12 @@ class WindowSearch:
         What waited for a frame goes on first once the frame has come.
         """
         search, newest, is_over = self._search(), self.watch.first, False
-        last: Settled | None = None
+        last: Detection | None = None
         while last is None and (self.waiting or not is_over):
             if self.watch.held[-1] is not newest:
                 newest = self.watch.held[-1]
-                for settling in tuple(self.waiting):
-                    if found := (yield from self._go_on(settling)):
+                for verification in tuple(self.waiting):
+                    if found := (yield from self._go_on(verification)):
                         return found
             try:
                 yield NEXT_FRAME if is_over else next(search)
@@ -83,7 +83,7 @@ class WindowSearch:
     def _search(self) -> Search:
         """Look for the display in the film that follows the reference.
 
-        Edges are glanced at soon and after each quarter of the window. Once all frames have
+        Edges are weighed coarsely soon and after each quarter of the window. Once all frames have
         been watched, other quadrilaterals are, and the pilots are fitted to those that probably
         bound a display, if not exactly.
         """
@@ -97,13 +97,13 @@ class WindowSearch:
                     proposer.pilots_seen(quad, turn, len(watch.frames))
             seen = len(watch.frames)
             count = seen + watch.window // 4
-            if found := (yield from self._glance(edges, seen)):
+            if found := (yield from self._weigh_coarsely(edges, seen)):
                 return found
         faint: list[Array] = []
         for quads in proposer.faint_edges():
             yield 1
             faint += quads
-            if found := (yield from self._glance(quads)):
+            if found := (yield from self._weigh_coarsely(quads)):
                 return found
         self.is_late = True
         strongest = [*edges[:STRONGEST], *faint[:1]]
@@ -111,20 +111,20 @@ class WindowSearch:
             return found
         outlines = yield from proposer.outlines()
         framed = [inset(quad, FRAME_SHARE) for quad in (*edges, *faint[:CANDIDATES])]
-        if found := (yield from self._glance([*outlines, *framed])):
+        if found := (yield from self._weigh_coarsely([*outlines, *framed])):
             return found
-        glances = proposer.glances()
-        for evidence, proposal, _ in glances:  # those more promising have been settled
+        weighed = proposer.weighed_coarsely()
+        for evidence, proposal, _ in weighed:  # those more promising have been verified
             if not HINT < evidence <= PROMISING:
                 continue
-            if found := (yield from self._weigh_and_settle(proposal)):
+            if found := (yield from self._weigh_and_verify(proposal)):
                 return found
         tried = {id(quad) for quad in strongest}
-        clearest = [quad for _, _, quad in glances if id(quad) not in tried][:CLEAREST]
+        clearest = [quad for _, _, quad in weighed if id(quad) not in tried][:CLEAREST]
         return (yield from self._fit([*clearest, *outlines]))
 
-    def _glance(self, quads: Sequence[Array], count: int | None = None) -> Search:
-        """Glance at quadrilaterals, and settle each that is promising.
+    def _weigh_coarsely(self, quads: Sequence[Array], count: int | None = None) -> Search:
+        """Weigh quadrilaterals coarsely, and verify each that is promising.
 
         Args:
             quads: (4, 2) pixels of the reference frame each, the likeliest first.
@@ -132,15 +132,15 @@ class WindowSearch:
         """
         turns = self._turns if count is None else ANY_TURN
         for number, quad in enumerate(quads):
-            evidence, proposal = self._proposer.glance(quad, turns, count)
-            if evidence > PROMISING and (found := (yield from self._weigh_and_settle(proposal))):
+            evidence, proposal = self._proposer.weigh_coarsely(quad, turns, count)
+            if evidence > PROMISING and (found := (yield from self._weigh_and_verify(proposal))):
                 return found
             if number % WEIGHED_AT_ONCE == WEIGHED_AT_ONCE - 1:
                 yield 1
         return None
 
     def _fit(self, quads: Sequence[Array]) -> Search:
-        """Fit the pilots to quadrilaterals, and settle each fit that is a hint.
+        """Fit the pilots to quadrilaterals, and verify each fit that is a hint.
 
         Args:
             quads: (4, 2) pixels of the reference frame each, the likeliest first.
@@ -149,34 +149,34 @@ class WindowSearch:
             fit = yield from self._proposer.first_fit(np.roll(quad, -turn, axis=0))
             if fit is None:
                 continue
-            evidence, _ = self._proposer.surest_in(fit.corners, [fit.layout])
+            evidence, _ = self._proposer.likeliest_in(fit.corners, [fit.layout])
             yield 1
-            if evidence > HINT and (found := (yield from self._settle(fit, evidence))):
+            if evidence > HINT and (found := (yield from self._verify(fit, evidence))):
                 return found
         return None
 
-    def _weigh_and_settle(self, proposal: Proposal) -> Search:
-        """Weigh a proposal by all frames so far, and settle it."""
+    def _weigh_and_verify(self, proposal: Proposal) -> Search:
+        """Weigh a proposal by all frames so far, and verify it."""
         evidence, _ = weigh(proposal, self.watch.frames, self.watch.fps)
         yield 1
-        return (yield from self._settle(proposal, evidence))
+        return (yield from self._verify(proposal, evidence))
 
-    def _settle(self, proposal: Proposal, evidence: float) -> Search:
-        """Settle a proposal with this evidence in all frames so far, before it pays."""
-        self.surest_seen = max(self.surest_seen, evidence)
-        return (yield from self._go_on(settle(proposal, evidence, self.watch)))
+    def _verify(self, proposal: Proposal, evidence: float) -> Search:
+        """Verify a proposal with this evidence in all frames so far, before it pays."""
+        self.most_evidence = max(self.most_evidence, evidence)
+        return (yield from self._go_on(verify(proposal, evidence, self.watch)))
 
-    def _go_on(self, settling: Search) -> Search:
-        """Settle a proposal until it needs a frame that has yet to come; then it waits."""
+    def _go_on(self, verification: Search) -> Search:
+        """Verify a proposal until it needs a frame that has yet to come; then it waits."""
         while True:
             try:
-                work = next(settling)
+                work = next(verification)
             except StopIteration as end:
-                self.waiting = [each for each in self.waiting if each is not settling]
-                found: Settled | None = end.value
+                self.waiting = [each for each in self.waiting if each is not verification]
+                found: Detection | None = end.value
                 return found
             if work == NEXT_FRAME:
-                if settling not in self.waiting:
-                    self.waiting.append(settling)
+                if verification not in self.waiting:
+                    self.waiting.append(verification)
                 return None
             yield work

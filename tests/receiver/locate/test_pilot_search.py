@@ -30,7 +30,7 @@ from receiver.pilots.search import window_search
 from receiver.pilots.search.all_blocks import BlockFit, block_fit, block_maps
 from receiver.pilots.search.parts import COARSE_SIZE, coarse_shift
 from receiver.pilots.search.pilot_search import PilotSearch
-from receiver.pilots.search.settle import settle
+from receiver.pilots.search.settle import verify
 from receiver.pilots.search.toggle_map import ToggleMap
 from receiver.pilots.search.watch import LEAST_WINDOW, NEXT_FRAME
 from receiver.pilots.signal import pilot_evidence
@@ -127,10 +127,10 @@ def test_a_proposal_that_waits_for_frames_holds_up_no_other(monkeypatch) -> None
         settled.append(given)
         while len(settled) == 1:
             yield NEXT_FRAME
-        return (yield from settle(*given))
+        return (yield from verify(*given))
 
     settled: list[object] = []
-    monkeypatch.setattr(window_search, "settle", waits_at_first)
+    monkeypatch.setattr(window_search, "verify", waits_at_first)
     find(*filmed(FINE, 60, seed=0), [FINE])
 
 
