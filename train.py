@@ -58,7 +58,7 @@ class TrainConfig:
     so is one that another process is writing."""
     layouts: LayoutKind = "ratex"
     """Layouts that the decoder learns to read: "ratex" is the usual grid with patches, "hidden" are
-    grids of 8 x 8 to 96 x 128 blocks with pilots, of both modulations, gray and chroma."""
+    grids of 8 x 8 to 96 x 128 blocks with pilots, of both modulations."""
     decoder: DecoderConfig = FULL
     """Parts that the decoder has, and their sizes."""
     start: Start = "shipped"

@@ -34,16 +34,12 @@ class LayoutFlags:
     height: int = 384
     """Height of the displayed picture, pixels."""
     ratex: int | None = None
-    """Number of ratex patches: 0, 1, 2, 3 or 5; by default 5, or 0 beside pilots and chroma."""
+    """Number of ratex patches: 0, 1, 2, 3 or 5; by default 5, or 0 beside pilots."""
     modulation: str = "on_off"
     """How bits change blocks: "on_off" brightens a 1 and leaves a 0 as it is, as in the paper;
     "antipodal" brightens a 1 and darkens a 0."""
     pilots: str = "0"
     """Share of the blocks that carry known bits in place of ratex patches, or "auto"."""
-    colour: str = "gray"
-    """Direction in which bits change blocks: "gray" changes red, green and blue alike, "chroma"
-    turns red against green, which the eye sees less; without ratex patches."""
-
     code: bool = False
     """Whether frame pairs show their states in the order of the usual code; beside pilots."""
 
@@ -61,7 +57,6 @@ class LayoutFlags:
             self.ratex,
             self.modulation,
             self.pilots,
-            self.colour,
             PilotCode() if self.code else PLAIN,
         )
 

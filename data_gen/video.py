@@ -92,7 +92,6 @@ class FilmConfig(CellFlags):
             height=layout.height,
             modulation=layout.modulation,
             pilots="auto" if layout.pilots else "0",
-            colour=layout.colour,
             code=layout.code != PLAIN,
             kappa=preset.kappa,
             even=preset.even,

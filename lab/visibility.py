@@ -31,9 +31,7 @@ class VisibilityFlags(StudyFlags):
     """Length of the random messages, in seconds, at least 1."""
 
 
-def setting(
-    grid: tuple[int, int], line_code: str, kappa: int, state_hz: float, colour: str = "gray"
-) -> Preset:
+def setting(grid: tuple[int, int], line_code: str, kappa: int, state_hz: float) -> Preset:
     """Make a preset of what visibility depends on; its blocks all carry bits.
 
     Args:
@@ -41,23 +39,22 @@ def setting(
         line_code: key of `sender.visibility.line_code.LINE_CODES`.
         kappa: gray levels between the states of a toggle.
         state_hz: states a second.
-        colour: key of `link.layout.COLOURS`.
     """
     modulation = "on_off" if line_code == "on_off" else "antipodal"
-    layout = make_layout(*grid, ratex=0, modulation=modulation, colour=colour)
+    layout = make_layout(*grid, ratex=0, modulation=modulation)
     return Preset(layout, kappa, state_hz, line_code)
 
 
 def viewing_of(
     preset: Preset,
-    level: float | tuple[float, float, float] = 128.0,
+    level: float = 128.0,
     refresh_hz: float | None = None,
 ) -> Viewing:
     """Make the viewing of a preset that fills the standard display.
 
     Args:
-        preset: grid, kappa, rate and colour of the message.
-        level: gray level of the picture, or its red, green and blue.
+        preset: grid, kappa and rate of the message.
+        level: gray level of the picture.
         refresh_hz: refreshes a second; by default 60, or one a state where states are faster.
     """
     return Viewing(
@@ -67,8 +64,7 @@ def viewing_of(
         states_hz=preset.state_hz,
         refresh_hz=max(60, preset.state_hz) if refresh_hz is None else refresh_hz,
         picture_level=level,
-        colour=preset.layout.direction,
-        whole_levels=preset.layout.colour == "gray",  # the sender dithers what is no whole level
+        whole_levels=True,
     )
 
 
@@ -77,13 +73,13 @@ def seen_of(
     seed: int,
     seconds: float,
     where: Where = "block",
-    level: float | tuple[float, float, float] = 128.0,
+    level: float = 128.0,
     refresh_hz: float | None = None,
 ) -> Visibility:
     """Work out the visibility of a random message of a preset on the standard display.
 
     Args:
-        preset: the message's grid, line code, kappa, rate and colour.
+        preset: the message's grid, line code, kappa and rate.
         seed: seed of the random message.
         seconds: length of the random message.
         where: "block" for one block, "screen" for all blocks in phase.
@@ -96,10 +92,9 @@ def seen_of(
 
 
 def setting_name(preset: Preset) -> str:
-    """Say what tables call a preset: its grid, line code, kappa and colour."""
+    """Say what tables call a preset: its grid, line code and kappa."""
     layout = preset.layout
-    colour = "" if layout.colour == "gray" else ", red-green"
-    return f"{layout.rows} × {layout.cols}, {preset.line_code}, κ {preset.kappa}{colour}"
+    return f"{layout.rows} × {layout.cols}, {preset.line_code}, κ {preset.kappa}"
 
 
 def raw_bits_hz(preset: Preset) -> float:
@@ -116,8 +111,6 @@ OTHERS = (
     setting((48, 64), "toggle", 3, 60),
     setting((96, 128), "toggle", 1, 60),
     setting((48, 64), "toggle", 3, 120),
-    setting((8, 8), "on_off", 3, 15, "chroma"),
-    setting((48, 64), "toggle", 3, 60, "chroma"),
 )
 """Settings that the table lists beside the presets."""
 

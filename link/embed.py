@@ -5,9 +5,9 @@ embedded frame is ``kappa`` gray levels brighter than in the original frame wher
 equal where its bit is 0. With "antipodal" it is ``kappa`` brighter where its bit is 1 and ``kappa``
 darker where its bit is 0, and both frames lie around the picture, which is their mean over time.
 
-Blocks change along the layout's colour direction: all channels alike, or red against green. What is
-no whole number of gray levels is dithered over the pixels (`split_change`), and from frame pair to
-frame pair, so that the mean over time of antipodal frames is the picture in every pixel.
+Red, green and blue change alike. What is no whole number of gray levels is dithered over the pixels
+(`split_change`), and from frame pair to frame pair, so that the mean over time of antipodal frames
+is the picture in every pixel.
 """
 
 import cv2
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from link.errors import InputError, ParameterError
 from link.frames import Displayed
-from link.layout import COLOURS, MODULATIONS, Layout, block_grid
+from link.layout import Layout, block_grid
 from link.ratex import draw_patches
 from link.strength import FACTORS
 from link.types import Image
@@ -66,7 +66,6 @@ def with_head_room(
     picture: NDArray[np.uint8],
     kappa: int,
     modulation: str = "on_off",
-    colour: str = "gray",
     levels: NDArray[np.floating] | None = None,
 ) -> NDArray[np.uint8]:
     """Change a picture so that no change of its blocks leads out of the levels of a display.
@@ -75,14 +74,12 @@ def with_head_room(
     [BOTTOM, TOP]. With "antipodal" a soft knee bends the ends alone: let m be half the change,
     rounded up; a level v below 2 m becomes m + v² / 4 m, levels near white likewise, and all others
     stay as they are. Near black, where displays emit next to nothing, m is at least `BLACK` κ; near
-    white, where some displays clip, at least `WHITE` (κ - 1). All channels get the room that the
-    one with the largest change needs, so that grays stay gray.
+    white, where some displays clip, at least `WHITE` (κ - 1).
 
     Args:
         picture: (height, width) or (height, width, 3) uint8, encoded.
         kappa: gray levels by which blocks will change, at least.
         modulation: a key of `link.layout.MODULATIONS`.
-        colour: key of `link.layout.COLOURS`; where it darkens a channel, that needs room as well.
         levels: (height, width) by which each pixel's block will change, which "antipodal" alone
             allows; None where all change by ``kappa``.
 
@@ -93,13 +90,9 @@ def with_head_room(
     [[15, 15, 128, 245]]
     """
     if modulation == "on_off":
-        changes = kappa * np.outer(MODULATIONS[modulation], COLOURS[colour])
-        below, above = (int(np.ceil(max(0, side))) for side in (-changes.min(), changes.max()))
-        scaled = np.linspace(BOTTOM + below, TOP - above, 256).round().astype(np.uint8)
+        scaled = np.linspace(BOTTOM, TOP - kappa, 256).round().astype(np.uint8)
         return scaled[picture]
-    room = np.ceil(
-        np.asarray(kappa if levels is None else levels) * np.abs(COLOURS[colour]).max() / 2
-    ).astype(np.intp)
+    room = np.ceil(np.asarray(kappa if levels is None else levels) / 2).astype(np.intp)
     black, white = min(BOTTOM, BLACK * kappa), min(255 - TOP, WHITE * (kappa - 1))
     knees = np.stack([_knee(max(m, black), max(m, white)) for m in range(int(room.max()) + 1)])
     wide = room[..., None] if room.ndim and picture.ndim == 3 else room
@@ -258,7 +251,7 @@ def embed(
         picture: an `Image`, of the layout's size.
         bits: (n_bits,) 0 or 1, row-major over the message cells.
         layout: the grid and its ratex patches, which replace the picture there.
-        kappa: gray levels by which blocks change, times the layout's direction in each channel.
+        kappa: gray levels by which blocks change.
         pyramid_level: 0 for blocks with hard edges; L blurs the edges over about 2**L pixels.
         ratex_kappa: gray levels added in ratex tiles of label 1; by default ``kappa``.
         steps: (rows, cols) steps of strength, as `link.strength.block_steps` chooses them for
@@ -269,8 +262,7 @@ def embed(
         the frame pair, each frame uint8 of the picture's shape.
 
     Raises:
-        InputError: kappa, the bits or the picture's size do not fit, or the layout's colour needs
-            three channels and the picture has one.
+        InputError: kappa, the bits or the picture's size do not fit.
 
     >>> from link.layout import make_layout
     >>> layout = make_layout(rows=4, cols=4, width=64, height=48, ratex=2)
@@ -286,16 +278,12 @@ def embed(
             f"picture is {picture.shape[1]}x{picture.shape[0]}, "
             f"the layout needs {layout.width}x{layout.height}"
         )
-    if picture.ndim == 2 and layout.colour != "gray":
-        raise InputError(
-            f"picture has one channel, colour {layout.colour!r} needs three; give an RGB picture"
-        )
     levels = levels_of_steps(kappa, steps, layout)
-    shown = with_head_room(picture, kappa, layout.modulation, layout.colour, levels)
+    shown = with_head_room(picture, kappa, layout.modulation, levels)
     mask = message_mask(bits, layout, pyramid_level)
     change = ((kappa * mask).round() if levels is None else levels * mask).astype(np.float64)
     if picture.ndim == 3:
-        change = change[:, :, None] * ((1.0,) if layout.colour == "gray" else layout.direction)
+        change = change[:, :, None]
     below, above = split_change(change, BEFORE[layout.modulation], turned)
     original, embedded = (
         np.add(shown, part, dtype=np.int16, casting="unsafe").astype(np.uint8)

@@ -24,15 +24,6 @@ MAX_BLOCKS = 16_384
 MODULATIONS = {"on_off": (0, 1), "antipodal": (-1, 1)}
 """By the name of a modulation the change between the two displayed states, in units of kappa, of a
 block whose bit is 0 and of one whose bit is 1. The paper's is "on_off"."""
-LUMINANCE_FROM_RGB = np.array([0.2126, 0.7152, 0.0722])
-"""Share of white's luminance that each of sRGB's primaries gives (IEC 61966-2-1)."""
-COLOURS = {
-    "gray": (1.0, 1.0, 1.0),
-    "chroma": (1.0, float(-LUMINANCE_FROM_RGB[0] / LUMINANCE_FROM_RGB[1]), 0.0),
-}
-"""By the name of a colour direction the change of red, green and blue, in gray levels, where a bit
-changes its block by one. "chroma" turns red against green, about (1, -0.297, 0): over gray, the
-luminance of sRGB's primaries nearly stays, and the eye flickers less at colour alone."""
 LEAST_PILOTS, MOST_PILOT_SHARE = 32, 0.25
 """Smallest number of pilots that "auto" takes, and the share of a small grid's blocks that it does
 not exceed for that; docs/hidden.md measures how many a fit needs."""
@@ -54,8 +45,8 @@ class Layout:
 
     Raises:
         InputError: the grid does not fit the frame, a ratex cell lies outside it or is repeated,
-            the modulation or the colour is unknown, there are ratex patches beside pilots or
-            beside a colour other than "gray", or there is a code without pilots.
+            the modulation is unknown, there are ratex patches beside pilots, or there is a code
+            without pilots.
     """
 
     rows: int
@@ -73,15 +64,12 @@ class Layout:
     pilots: int = 0
     """Number of blocks that carry known bits, from which decoders learn what ratex patches would
     tell them; such a layout has no ratex patches."""
-    colour: str = "gray"
-    """Direction in red, green and blue along which a bit changes its block; a key of `COLOURS`."""
     code: PilotCode = field(default=PLAIN, compare=False)
     """Code of the order in which a display with pilots shows the two states of its frame pairs.
     Layouts that differ in it alone count as equal, as a frame pair by itself does not show it."""
 
     def __post_init__(self) -> None:
         choose(MODULATIONS, self.modulation, "modulation")
-        choose(COLOURS, self.colour, "colour")
         if self.rows < 1 or self.cols < 1:
             raise InputError(f"layout: rows and cols must be positive, got {self.rows}x{self.cols}")
         if not (self.width <= MAX_SIDE_PX and self.height <= MAX_SIDE_PX):
@@ -109,11 +97,6 @@ class Layout:
             raise InputError("layout: a ratex cell is listed twice")
         if self.pilots and self.ratex:
             raise InputError("layout: has pilots beside ratex patches; choose one of them")
-        if self.colour != "gray" and self.ratex:
-            raise InputError(
-                f"layout: ratex patches are gray, bits are {self.colour}; "
-                "take pilots, or no patches"
-            )
         if self.code != PLAIN and not self.pilots:
             raise InputError("layout: has a code and no pilots that would show it")
         if self.pilots < 0 or self.pilots == 1:
@@ -156,11 +139,6 @@ class Layout:
     def change_of_bits(self) -> tuple[int, int]:
         """Change of a block between the two states for bit 0 and for bit 1, in units of kappa."""
         return MODULATIONS[self.modulation]
-
-    @property
-    def direction(self) -> tuple[float, float, float]:
-        """Change of red, green and blue, in gray levels, of a block that changes by one level."""
-        return COLOURS[self.colour]
 
     def resized(self, width: int, height: int) -> "Layout":
         """Lay the same grid over a frame of another size.
@@ -208,8 +186,6 @@ class Layout:
             described["modulation"] = self.modulation
         if self.pilots:
             described["pilots"] = self.pilots
-        if self.colour != "gray":
-            described["colour"] = self.colour
         if self.code != PLAIN:
             described["code"] = self.code.to_dict()
         return described
@@ -218,9 +194,18 @@ class Layout:
     def from_dict(cls, data: Any) -> "Layout":
         """Make a layout from what `to_dict` wrote.
 
+        The key "colour", which layouts had once, may be there and say "gray".
+
         Raises:
-            InputError: a key is missing, unknown or of the wrong type.
+            InputError: a key is missing, unknown or of the wrong type, or bits change a colour.
         """
+        if isinstance(data, dict) and "colour" in data:
+            if data["colour"] != "gray":
+                raise InputError(
+                    f"layout: colour must be 'gray', got {data['colour']!r:.60}; send the message "
+                    "anew, with bits that change gray levels"
+                )
+            data = {key: value for key, value in data.items() if key != "colour"}
         keys = [field.name for field in fields(cls)]
         if not isinstance(data, dict) or not set(keys[:5]) <= set(data) <= set(keys):
             raise InputError(
@@ -230,9 +215,8 @@ class Layout:
         for key in (*keys[:4], "pilots"):
             if key in data and type(data[key]) is not int:
                 raise InputError(f"layout: {key} must be a whole number, got {data[key]!r:.60}")
-        for key in ("modulation", "colour"):
-            if not isinstance(data.get(key, ""), str):
-                raise InputError(f"layout: {key} must be text, got {data[key]!r:.60}")
+        if not isinstance(data.get("modulation", ""), str):
+            raise InputError(f"layout: modulation must be text, got {data['modulation']!r:.60}")
         try:
             cells = tuple((row, col) for row, col in data["ratex"])
         except (TypeError, ValueError):
@@ -285,7 +269,6 @@ def make_layout(
     ratex: int | None = None,
     modulation: str = "on_off",
     pilots: int | str = 0,
-    colour: str = "gray",
     code: PilotCode = PLAIN,
 ) -> Layout:
     """Make the usual layout: pilots, or ratex patches in the corners and the centre.
@@ -297,11 +280,9 @@ def make_layout(
         cols: number of blocks from left to right.
         width: width of the displayed frame, pixels.
         height: height of the displayed frame, pixels.
-        ratex: number of ratex patches: 0, 1, 2, 3 or 5; by default 5, or 0 beside pilots and
-            beside a colour other than "gray".
+        ratex: number of ratex patches: 0, 1, 2, 3 or 5; by default 5, or 0 beside pilots.
         modulation: a key of `MODULATIONS`.
         pilots: number of blocks that carry known bits, or text for `count_pilots`, such as "auto".
-        colour: a key of `COLOURS`.
         code: changes the order of the two states of frame pairs; there is none without pilots.
 
     Raises:
@@ -315,7 +296,7 @@ def make_layout(
     if isinstance(pilots, str):
         pilots = count_pilots(pilots, rows, cols, code)
     if ratex is None:
-        ratex = 0 if pilots or colour != "gray" else 5
+        ratex = 0 if pilots else 5
     bottom, right = rows - 1, cols - 1
     cells = ((0, 0), (bottom, right), (0, right), (bottom, 0), (rows // 2, cols // 2))
     if ratex not in (0, 1, 2, 3, 5):
@@ -330,7 +311,6 @@ def make_layout(
         cells[:ratex],
         modulation,
         pilots,
-        colour,
         code if pilots else PLAIN,
     )
 

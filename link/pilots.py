@@ -93,7 +93,7 @@ def pilots_toggled(original: Image, embedded: Image, layout: Layout) -> float:
     >>> pilots_toggled(shown.original, shown.embedded, layout) > 10
     True
     """
-    change = 255 * (intensity(embedded, layout.colour) - intensity(original, layout.colour))
+    change = 255 * (intensity(embedded) - intensity(original))
     changes = standing_out(change, layout).reshape(-1)[layout.pilot_blocks]
     most = OUTLIER * float(np.median(np.abs(changes)))
     along = np.clip(changes, -most, most) * pilot_signs(layout)

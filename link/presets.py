@@ -55,7 +55,7 @@ class Preset:
     """
 
     layout: Layout
-    """Grid, modulation, pilots or ratex patches, and colour direction."""
+    """Grid, modulation, pilots or ratex patches."""
     kappa: int
     """Number of gray levels by which blocks change."""
     state_hz: float
@@ -96,7 +96,7 @@ class Preset:
         layout = self.layout
         usual: dict[str, Any] = {
             name: getattr(layout, name)
-            for name in ("rows", "cols", "width", "height", "modulation", "colour")
+            for name in ("rows", "cols", "width", "height", "modulation")
         }
         if layout.pilots and not given.get("ratex"):
             usual |= {"pilots": "auto", "code": layout.code}

@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from link.layout import LUMINANCE_FROM_RGB, Layout, block_mean
+from link.layout import Layout, block_mean
 from link.types import Array, Image
 
 STEPS_PER_OCTAVE = 16
@@ -47,6 +47,9 @@ UNCERTAINTY_BLOCKS = 1.5
 which make half a period of a block's pattern."""
 AROUND_BLOCKS = 2.0
 """Standard deviation, in blocks, of the surroundings against which a block's contrast is taken."""
+
+LUMINANCE_FROM_RGB = np.array([0.2126, 0.7152, 0.0722])
+"""Share of white's luminance that each of sRGB's primaries gives (IEC 61966-2-1)."""
 
 
 def light_of_level(levels: ArrayLike) -> Array:

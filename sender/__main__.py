@@ -17,7 +17,7 @@ from link.code.fine import MAX_MESSAGE, USUAL_REDUNDANCY
 from link.code.framing import encode, frames_needed
 from link.embed import check_kappa
 from link.errors import InputError, ParameterError, at_least
-from link.layout import COLOURS, MAX_PIXELS, MAX_SIDE_PX, MODULATIONS, Layout, read_layout
+from link.layout import MAX_PIXELS, MAX_SIDE_PX, MODULATIONS, Layout, read_layout
 from link.loop import Loop
 from link.outside import read_bounded
 from link.placement import FITS
@@ -26,7 +26,7 @@ from sender.hiding import Hiding, Onlooker
 from sender.pictures import note_coarse, open_pictures
 from sender.write import output_kind, write_loop
 
-GRID_FLAGS = ("rows", "cols", "width", "height", "ratex", "modulation", "pilots", "colour")
+GRID_FLAGS = ("rows", "cols", "width", "height", "ratex", "modulation", "pilots")
 """Flags that describe a layout; those that are absent have the preset's values."""
 USUAL_REFRESH = 60.0
 """Refreshes of the display in a second where --refresh is absent."""
@@ -218,8 +218,7 @@ def send_parser() -> argparse.ArgumentParser:
     add("--ratex", type=int, help="patches: 0, 1, 2, 3 or 5, instead of pilots")
     add("--modulation", choices=list(MODULATIONS), help="how bits change blocks")
     add("--pilots", help="share of blocks with known bits in place of patches, or auto")
-    add("--colour", choices=list(COLOURS), help="in which direction blocks change")
-    add("--layout", type=Path, help="JSON file with a layout, or sent.json, instead of these eight")
+    add("--layout", type=Path, help="JSON file with a layout, or sent.json, instead of these seven")
     add = parser.add_argument_group("rates and coding, in place of the preset's").add_argument
     add("--pyramid-level", type=int, default=0, help="soften the edges of blocks (0)")
     add("--hold", type=int, help="refreshes that a state stays, instead of the preset's rate")

@@ -57,7 +57,7 @@ class Compact:
     """
 
     layout: Layout
-    """Grid, modulation, patches and colour direction of the loop."""
+    """Grid, modulation, and patches of the loop."""
     kappa: int
     """Gray levels by which blocks change."""
     pyramid_level: int = 0
@@ -90,7 +90,7 @@ class Compact:
         for turned in (False, True):
             parts = []
             for change in self.changes:
-                levels = np.full((TILE, TILE, 3), change) * np.array(self.layout.direction)
+                levels = np.full((TILE, TILE, 3), change)
                 below, above = split_change(levels, BEFORE[self.layout.modulation], turned)
                 parts.append((-below, above))
             tables.append(parts + patches if self.layout.ratex else parts)
@@ -142,7 +142,7 @@ class Compact:
         """
         layout = self.layout
         levels = levels_of_steps(self.kappa, steps, layout)
-        shown = with_head_room(picture, self.kappa, layout.modulation, layout.colour, levels)
+        shown = with_head_room(picture, self.kappa, layout.modulation, levels)
         draw_patches(shown, layout, self.kappa, embedded=False)
         return shown
 

@@ -2,9 +2,8 @@
 
 Visibility is contrast over threshold, where 1 is just seen (`sender.visibility.flicker`). A picture
 has many levels, and a player may show many pictures; what counts is the most visible of a few gray
-levels, whatever the picture, and for chroma bits of a few usual colours as well
-(`sender.visibility.viewing.PICTURE_LEVELS` and `COLOUR_LEVELS`). The message is random, and always
-the same. Soft edges of blocks are taken for hard ones.
+levels, whatever the picture (`sender.visibility.viewing.PICTURE_LEVELS`). The message is random,
+and always the same. Soft edges of blocks are taken for hard ones.
 """
 
 import bisect
@@ -16,11 +15,11 @@ import numpy as np
 
 from link.embed import MAX_KAPPA
 from link.errors import ParameterError
-from link.layout import LUMINANCE_FROM_RGB, Layout
+from link.layout import Layout
 from link.strength import even_factor, light_of_level
 from sender.visibility.flicker import contrast_over_threshold, random_message
 from sender.visibility.line_code import CODE_OF_MODULATION
-from sender.visibility.viewing import COLOUR_LEVELS, PICTURE_LEVELS, Viewing, Where
+from sender.visibility.viewing import PICTURE_LEVELS, Viewing, Where
 
 PLAIN = 2.0
 """Contrast over threshold above which flicker is called plain to see; 1 is just seen."""
@@ -28,9 +27,6 @@ MOST_FLASHES, FLASH_LIGHT, FLASH_DARKER = 3, 0.1, 0.8
 """WCAG 2.2 (definition of the general flash and red flash thresholds): number of flashes a second
 that is safe, the least change of relative luminance that counts as one, and the relative luminance
 below which the darker of both states then is."""
-
-Level = float | tuple[float, float, float]
-"""Gray level of a picture, or its red, green and blue."""
 SECONDS = 20.0
 """Length of the random message, in seconds; its high end is known to some percent."""
 MESSAGE_SEED = 0
@@ -80,7 +76,6 @@ class Onlooker:
             layout.cols,
             states_hz=states_hz,
             refresh_hz=states_hz * math.ceil(SAMPLE_HZ / states_hz),
-            colour=layout.direction,
             diagonal_inch=self.diagonal,
             aspect=layout.width / layout.height,
             distance_m=self.distance,
@@ -101,7 +96,7 @@ class Hiding:
     """
 
     layout: Layout
-    """Grid, modulation and colour direction of the message."""
+    """Grid and modulation of the message."""
     state_hz: float
     """Number of states that are shown in a second."""
     onlooker: Onlooker
@@ -119,7 +114,7 @@ class Hiding:
         Returns:
             contrast over threshold at the most visible level; 1 is just seen.
         """
-        return max(self._seen_over(level, kappa, where) for level in self._levels)
+        return max(self._seen_over(level, kappa, where) for level in PICTURE_LEVELS)
 
     def flicker(self, kappa: int) -> str:
         """Say whether the message's flicker may disturb or harm somebody who looks at it.
@@ -140,18 +135,10 @@ class Hiding:
             return "flashes"
         return "seen" if self.seen(kappa) > PLAIN else ""
 
-    @property
-    def _levels(self) -> tuple[Level, ...]:
-        gray = self.layout.colour == "gray"  # changes colours no more than grays
-        return PICTURE_LEVELS if gray else (*PICTURE_LEVELS, *COLOUR_LEVELS)
-
     @cache  # noqa: B019 - a few numbers, for one message a process
-    def _seen_over(self, level: Level, kappa: int, where: Where = "block") -> float:
+    def _seen_over(self, level: float, kappa: int, where: Where = "block") -> float:
         viewing = self.onlooker.viewing(self.layout, self.state_hz)
-        factor = 1.0
-        if self.even:
-            light = light_of_level(np.broadcast_to(level, 3)) @ LUMINANCE_FROM_RGB
-            factor = float(even_factor(light))
+        factor = float(even_factor(light_of_level(level))) if self.even else 1.0
         viewing = replace(viewing, kappa=kappa * factor, picture_level=level)
         code, rng = CODE_OF_MODULATION[self.layout.modulation], np.random.default_rng(MESSAGE_SEED)
         shown = random_message(viewing, code, rng, SECONDS)
@@ -171,13 +158,13 @@ class Hiding:
         """
         if not limit > 0:
             raise ParameterError("visibility", f"need a number above 0, got {limit:g}")
-        least = {level: self._seen_over(level, 1) for level in self._levels}
+        least = {level: self._seen_over(level, 1) for level in PICTURE_LEVELS}
         worst = max(least, key=lambda level: least[level])
         if least[worst] > limit:
             raise ParameterError(
                 "visibility",
                 f"a kappa of 1 is at {least[worst]:.3g}, above {limit:g}; show more states a "
-                "second, smaller blocks, antipodal or chroma ones, or allow more",
+                "second, smaller blocks, antipodal ones, or allow more",
             )
         kappas = range(1, MAX_KAPPA + 1)
         kappa = bisect.bisect_right(kappas, limit, key=lambda kappa: self._seen_over(worst, kappa))

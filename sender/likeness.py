@@ -15,8 +15,12 @@ from link.images.quality import psnr, ssim
 from link.loop import Loop
 from link.strength import light_of_level
 from link.types import Array
-from sender.visibility.chroma import XYZ_FROM_RGB
 
+XYZ_FROM_RGB = np.array(
+    [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750],
+     [0.0193339, 0.1191920, 0.9503041]]
+)  # fmt: skip
+"""Matrix from linear sRGB, in which white is (1, 1, 1), to CIE 1931 XYZ (IEC 61966-2-1)."""
 MEASURED_PIXELS = 1_000_000
 """Number of pixels that are looked at: of the frame pairs from a loop's first on, always as
 many with either turn of the dither; and at most of a picture, of which every third pixel of a

@@ -19,7 +19,6 @@ from link.images.size import (
     may_be_transparent,
     unread_kind,
 )
-from link.layout import COLOURS
 from link.outside import is_file, is_no_file, read_bounded
 from link.types import Image
 
@@ -40,13 +39,6 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 """Endings, in lower case, of the files that count as images where a folder is listed."""
 LUMA = (0.299, 0.587, 0.114)
 """Weights of red, green and blue in the luma of an encoded image (ITU-R BT.601)."""
-INTENSITIES = {
-    name: LUMA if name == "gray" else tuple(float(share / np.abs(along).sum()) for share in along)
-    for name, along in COLOURS.items()
-}
-"""By the name of a colour direction the weights of red, green and blue in the intensity at which
-decoders look. Chroma bits hardly change luma, so their weights are the direction itself, with
-absolute values that sum to 1. docs/visibility.md compares it with red alone."""
 if "OPENCV_LOG_LEVEL" not in os.environ:  # our one line says what is wrong
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
@@ -68,29 +60,22 @@ def as_gray(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     )
 
 
-def intensity(frame: Image, colour: str = "gray") -> NDArray[np.float32]:
-    """Take the intensity of an RGB frame that bits change most, or a gray frame as it is.
-
-    Negative weights are made up for by an offset, so that black stays above 0.
+def intensity(frame: Image) -> NDArray[np.float32]:
+    """Take the luma of an RGB frame, or a gray frame as it is.
 
     Args:
         frame: an `Image`.
-        colour: colour direction of the layout's bits, a key of `INTENSITIES`; "gray" gives luma.
 
     Returns:
         (H, W) float32 in [0, 1], encoded.
 
     >>> intensity(np.full((1, 2), 51, np.uint8))
     array([[0.2, 0.2]], dtype=float32)
-    >>> red_and_green = np.array([[[255, 0, 0], [0, 255, 0]]], np.uint8)
-    >>> intensity(red_and_green, "chroma").round(3)
-    array([[1., 0.]], dtype=float32)
     """
     scaled = frame.astype(np.float32) / np.float32(255)
     if frame.ndim == 2:
         return scaled
-    weights = np.array(INTENSITIES[colour], np.float32)
-    return np.asarray(scaled @ weights - np.minimum(weights, 0).sum(), np.float32)
+    return np.asarray(scaled @ np.array(LUMA, np.float32), np.float32)
 
 
 def pixel_limit(max_megapixels: float | None = None) -> int:

@@ -134,15 +134,12 @@ def _warp(
     return np.asarray(warped, np.float32), np.asarray(inside > 0)
 
 
-def align_frames(
-    original: Image, embedded: Image, colour: str = "gray"
-) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+def align_frames(original: Image, embedded: Image) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Move the embedded frame onto the original, by a homography found on a pyramid of their luma.
 
     Args:
         original: an `Image`.
         embedded: an `Image` of the same height and width.
-        colour: key of `link.images.INTENSITIES`, the intensity that is moved.
 
     Returns:
         (moved, inside): the embedded frame's intensity where the original shows the same, (H, W)
@@ -165,9 +162,7 @@ def align_frames(
     moved, inside = _warp(moving, H)
     target, before, after = (high_pass(image) for image in (fixed, moving, moved))
     if inside.mean() < 0.5 or _misfit(target, after, inside) >= _misfit(target, before, everywhere):
-        return intensity(embedded, colour), everywhere
-    if colour != "gray":
-        moved, _ = _warp(intensity(embedded, colour), H)
+        return moving, everywhere
     return moved, inside
 
 

@@ -55,8 +55,8 @@ def cut_into_tones(pair: Observation) -> Tones:
         pair: rectified frames.
     """
     layout = pair.layout
-    i_o = intensity(pair.original, layout.colour)
-    i_e, inside = align_frames(pair.original, pair.embedded, layout.colour)
+    i_o = intensity(pair.original)
+    i_e, inside = align_frames(pair.original, pair.embedded)
     i = (i_o + i_e) / 2
     smooth = cv2.GaussianBlur(i, (0, 0), 1.0)
     dx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)

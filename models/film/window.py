@@ -21,7 +21,7 @@ SHRINK = 2
 LEAST_SIDE = 16
 """Smallest number of rows, and of columns, of blocks that the decoder reads; it was trained on no
 fewer."""
-QUIET = np.array(CHANNELS["gray"]["quiet"], np.float32)
+QUIET = np.array(CHANNELS["quiet"], np.float32)
 """(1, 3) weights of R, G and B that make gray with little noise of the camera."""
 
 
@@ -32,8 +32,8 @@ def reads_films(layout: Layout) -> bool:
     >>> [name for name, preset in PRESETS.items() if reads_films(preset.layout)]
     ['hidden', 'fast', 'robust']
     """
-    plain = layout.modulation == "antipodal" and layout.colour == "gray"
-    return bool(layout.pilots) and plain and min(layout.rows, layout.cols) >= LEAST_SIDE
+    antipodal = layout.modulation == "antipodal"
+    return bool(layout.pilots) and antipodal and min(layout.rows, layout.cols) >= LEAST_SIDE
 
 
 def shrunk_gray(image: Image) -> Map:

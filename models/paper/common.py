@@ -118,7 +118,7 @@ def decode_with_svm(pair: Observation, features: Features, C: float) -> SoftBits
     Raises:
         UnsuitedError: the layout has neither ratex patches nor pilots.
     """
-    i_o, i_e = (intensity(f, pair.layout.colour) for f in (pair.original, pair.embedded))
+    i_o, i_e = (intensity(f) for f in (pair.original, pair.embedded))
     maps = features(i_o, i_e)
     head = fit_svm(*training_samples(pair, maps), C)
     scores = maps @ head.weights + head.bias

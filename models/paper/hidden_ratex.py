@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from link.embed import BOTTOM, TOP
 from link.errors import UnsuitedError, choose
 from link.frames import SoftBits
-from link.images import INTENSITIES
 from link.images.equalise import uniform_mapping
 from link.layout import block_mean
 from link.observation import Observation
@@ -78,17 +77,14 @@ class HiddenRatex:
             raise UnsuitedError("threshold 'constant' needs kappa, which is not known")
         mapping = uniform_mapping(pair.original)
         change = mapping[pair.embedded] - mapping[pair.original]
-        layout, along = pair.layout, 1.0
-        if change.ndim == 3 and layout.colour != "gray":
-            weights = np.array(INTENSITIES[layout.colour])
-            change, along = change @ weights, float(weights @ layout.direction)
-        elif change.ndim == 3:
+        layout = pair.layout
+        if change.ndim == 3:
             change = change.mean(axis=2)
         grid = block_mean(change, layout.rows, layout.cols)
         blocks = np.asarray(grid[layout.message_mask], np.float64)
         if self.threshold == "constant" and pair.kappa is not None:
             # equalising stretched the picture's range, and kappa with it, to [0, 255]
             stretch = 255 / (TOP - BOTTOM - pair.kappa)
-            half = pair.kappa * along * sum(layout.change_of_bits) / 2
+            half = pair.kappa * sum(layout.change_of_bits) / 2
             return SoftBits(blocks - stretch * half)
         return SoftBits(blocks - cluster_threshold(blocks, self.shrinkage))

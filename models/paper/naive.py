@@ -31,7 +31,6 @@ class Naive:
             UnsuitedError: the layout has neither ratex patches nor pilots to learn a threshold on.
         """
         if self.threshold is not None:
-            colour = pair.layout.colour
-            change = intensity(pair.embedded, colour) - intensity(pair.original, colour)
+            change = intensity(pair.embedded) - intensity(pair.original)
             return decode_with_threshold(pair, change, self.threshold / 255)
         return decode_with_svm(pair, difference, self.C)

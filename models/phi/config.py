@@ -3,30 +3,21 @@
 from dataclasses import asdict, dataclass
 
 from link.errors import ParameterError, choose
-from link.images import INTENSITIES, LUMA
+from link.images import LUMA
 
 MAX_DEGREE = 12
 """Largest degree of the inverse response that is accepted; the paper's is 4."""
 MAX_ROUNDS = 8
 """Largest number of rounds of refinement."""
-CHANNELS: dict[str, dict[str, tuple[tuple[float, ...], ...]]] = {
-    "gray": {
-        "luma": (LUMA,),
-        "quiet": ((0.27, 0.5, 0.23),),
-        "rgb": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
-    },
-    "chroma": {
-        "luma": (INTENSITIES["chroma"],),
-        "quiet": ((0.77, -0.23, 0.0),),
-        "rgb": ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0)),
-    },
+CHANNELS: dict[str, tuple[tuple[float, ...], ...]] = {
+    "luma": (LUMA,),
+    "quiet": ((0.27, 0.5, 0.23),),
+    "rgb": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
 }
-"""Weights of R, G and B in each intensity, by the colour direction of the layout's bits and by
-name; their absolute values sum to 1. "luma" is what the paper's methods look at
-(`link.images.INTENSITIES`). "quiet" weighs gray so that a camera's noise is least: its colour
-matrix subtracts what crosstalk added, and neighbouring channels then err against each other. For
-chroma it is the bits' own direction in whole hundredths. "rgb" makes Phi of each colour channel
-that bits change, with one head that they share."""
+"""Weights of R, G and B in each intensity, by name; they sum to 1. "luma" is what the paper's
+methods look at. With "quiet" a camera's noise is least: its colour matrix subtracts what crosstalk
+added, and neighbouring channels then err against each other. "rgb" makes Phi of each colour
+channel, with one head that they share."""
 
 
 def check_degrees(degree: int, drift_degree: int) -> None:
@@ -57,7 +48,7 @@ class DecoderConfig:
     out."""
     channels: str = "luma"
     """Which intensities are made of a frame's colours: "luma", "quiet" or "rgb", as
-    `CHANNELS` says for each colour direction of a layout."""
+    `CHANNELS` says."""
     register: bool = False
     """Whether the motion between the frames is removed first."""
     train_on: str = "tile"
@@ -78,7 +69,7 @@ class DecoderConfig:
     """Whether the calibration varies smoothly over the display; needs refinement."""
 
     def __post_init__(self) -> None:
-        choose(CHANNELS["gray"], self.channels, "channels")
+        choose(CHANNELS, self.channels, "channels")
         choose(dict.fromkeys(("tile", "area", "pixel")), self.train_on, "train_on")
         for field, value in asdict(self).items():
             kind = type(getattr(DecoderConfig, field))

@@ -76,11 +76,7 @@ class PhiDecoder(nn.Module):
             self.refiner = PilotRefiner(layout, pixels, config.refine, config.rows, config.space)
         else:
             self.log_temperature = nn.Parameter(torch.zeros(()))
-        self.reduce = Reduce(CHANNELS[layout.colour][config.channels], config.coarsen)
-        # motion is looked for where pictures have most contrast, whatever colour carries the bits
-        self.guide: Reduce | None = None
-        if config.register and layout.colour != "gray":
-            self.guide = Reduce(CHANNELS["gray"][config.channels], config.coarsen)
+        self.reduce = Reduce(CHANNELS[config.channels], config.coarsen)
         self.textured = self.refiner is not None and self.refiner.needs_texture
         self._tabulate_samples()
 
@@ -150,8 +146,7 @@ class PhiDecoder(nn.Module):
         if self.config.register or self.config.texture or self.textured:
             dx, dy, xx, yy = derivatives(i_o)
         if self.config.register:
-            guide = (self.guide(original), self.guide(embedded)) if self.guide else None
-            i_e = register(i_o, i_e, xx, yy, guide)
+            i_e = register(i_o, i_e, xx, yy)
         parts = [channel_mean(each) for each in self.phi(i_o, i_e)]  # (B, 1, h, w) each
         weights = torch.ones_like(parts[0])
         if self.config.texture or self.textured:

@@ -46,13 +46,7 @@ def derivatives(image: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     return dx, dy, xx, yy
 
 
-def register(
-    i_o: Tensor,
-    i_e: Tensor,
-    xx: Tensor,
-    yy: Tensor,
-    guide: tuple[Tensor, Tensor] | None = None,
-) -> Tensor:
+def register(i_o: Tensor, i_e: Tensor, xx: Tensor, yy: Tensor) -> Tensor:
     """Move the embedded frame onto the original.
 
     Args:
@@ -60,13 +54,11 @@ def register(
         i_e: (B, C, H, W) intensities of the embedded frame in [0, 1], encoded.
         xx: (B, C, H, W) second derivative of i_o along x, per square pixel.
         yy: (B, C, H, W) second derivative of i_o along y, per square pixel.
-        guide: other intensities of the original and of the embedded frame, (B, C, H, W) each, in
-            which the motion is looked for; by default those that are moved.
 
     Returns:
         i_e as it would be without the motion, (B, C, H, W).
     """
-    s = motion(*(guide or (i_o, i_e)))
+    s = motion(i_o, i_e)
     column, row, x, y = axes(i_o)
     moved, f_x, f_y = sample_bilinear(
         i_e,

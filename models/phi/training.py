@@ -17,23 +17,20 @@ from models.phi.decoder import START_LOG_TEMPERATURE, PhiDecoder
 Start = Literal["shipped", "constants"]
 LayoutKind = Literal["ratex", "hidden"]
 HIDDEN_GRIDS = (
-    (8, 8, "antipodal", "gray"),
-    (16, 16, "antipodal", "gray"),
-    (24, 32, "antipodal", "gray"),
-    (48, 64, "antipodal", "gray"),
-    (96, 128, "antipodal", "gray"),
-    (8, 8, "on_off", "gray"),
-    (24, 32, "on_off", "gray"),
-    (8, 8, "antipodal", "chroma"),
-    (24, 32, "antipodal", "chroma"),
+    (8, 8, "antipodal"),
+    (16, 16, "antipodal"),
+    (24, 32, "antipodal"),
+    (48, 64, "antipodal"),
+    (96, 128, "antipodal"),
+    (8, 8, "on_off"),
+    (24, 32, "on_off"),
 )
-"""Rows, columns, modulation and colour of the layouts with pilots on which one decoder is trained.
-The shipped checkpoint was trained on the gray ones alone."""
+"""Rows, columns and modulation of the layouts with pilots on which one decoder is trained."""
 LAYOUTS: dict[LayoutKind, tuple[Layout, ...]] = {
     "ratex": (make_layout(),),
     "hidden": tuple(
-        make_layout(rows, cols, modulation=modulation, pilots="auto", colour=colour)
-        for rows, cols, modulation, colour in HIDDEN_GRIDS
+        make_layout(rows, cols, modulation=modulation, pilots="auto")
+        for rows, cols, modulation in HIDDEN_GRIDS
     ),
 }
 """Layouts on which a decoder is trained, by the name that ``train.py --layouts`` takes."""

@@ -103,8 +103,6 @@ class PilotTracker:
 
     def _before(self, found: PilotDisplay, image: Image) -> tuple[tuple[float, Tracked], ...]:
         """Show the display in the frames in which it was looked for, with as many channels."""
-        if found.layout.colour != "gray":
-            return ()  # they are kept without their colours
         shown: list[tuple[float, Tracked]] = []
         for frame in found.held:
             corners = frame.corners(found.first_corners)

@@ -62,13 +62,9 @@ def condition_names(layouts: Sequence[Layout]) -> list[str]:
     """Name the conditions of an evaluation, one for each layout; a single one needs no name.
 
     >>> from link.layout import make_layout
-    >>> condition_names([make_layout(), make_layout(8, 8, pilots="auto", colour="chroma")])
-    [', 8 × 8 on_off', ', 8 × 8 on_off chroma']
+    >>> condition_names([make_layout(), make_layout(24, 32, ratex=0, modulation="antipodal")])
+    [', 8 × 8 on_off', ', 24 × 32 antipodal']
     """
     if len(layouts) == 1:
         return [""]
-    names = [f", {each.rows} × {each.cols} {each.modulation}" for each in layouts]
-    return [
-        name if each.colour == "gray" else f"{name} {each.colour}"
-        for name, each in zip(names, layouts, strict=True)
-    ]
+    return [f", {each.rows} × {each.cols} {each.modulation}" for each in layouts]

@@ -136,13 +136,7 @@ def _condition(
     if name == "ratex":
         shown = base.layout
         usual = make_layout(
-            shown.rows,
-            shown.cols,
-            shown.width,
-            shown.height,
-            int(value),
-            shown.modulation,
-            colour=shown.colour,
+            shown.rows, shown.cols, shown.width, shown.height, int(value), shown.modulation
         )
         source = replace(source, layout=usual)
     view = float(value) if name == "angle" else USUAL_VIEW

@@ -19,9 +19,6 @@ seen more often than not.
   multiples, times sinc(f / refresh). Frequencies above `HIGHEST_HZ` are left out; at 120 Hz the
   sensitivity is thousands of times below its peak. Backlights that are switched add nothing here:
   they flicker without a message as well.
-- **Colour.** elaTCSF is of luminance alone. What a toggle changes of colour goes through the two
-  colour channels of castleCSF (`sender.visibility.chroma`), and is reported beside it; the whole is
-  the root of the sum of squares, as castleCSF adds up its channels.
 - **Not modelled**: the picture's texture, which masks; the edges of blocks, their number and their
   spatial frequency; eye movements, which turn fine patterns into flashes. The whole screen in phase
   (`where="screen"`) is the upper end of what many blocks together can do.
@@ -33,9 +30,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from link.errors import InputError
-from link.layout import LUMINANCE_FROM_RGB
 from link.types import Array
-from sender.visibility.chroma import colour_over_threshold, opponent_change
 from sender.visibility.elatcsf import flicker_sensitivity
 from sender.visibility.line_code import shown_amplitudes
 from sender.visibility.viewing import Viewing, Where
@@ -52,15 +47,8 @@ QUANTILE = 0.95
 class Visibility:
     """Contrast over threshold, by windows; 1 is just seen."""
 
-    luminance: Array
-    """(windows,) the part of luminance, by elaTCSF."""
-    colour: Array
-    """(windows,) the part of colour at constant luminance, by castleCSF; 0 for gray."""
-
-    @property
-    def windows(self) -> Array:
-        """Array (windows,) of both parts together, added in quadrature."""
-        return np.asarray(np.hypot(self.luminance, self.colour))
+    windows: Array
+    """(windows,) of luminance, by elaTCSF."""
 
     @property
     def mean(self) -> float:
@@ -114,7 +102,7 @@ def contrast_over_threshold(
         window_s: length of the windows, in seconds; what is left over at the end is not used.
 
     Returns:
-        one number for each window and part.
+        one number for each window.
 
     Raises:
         InputError: the sequence is shorter than one window.
@@ -130,8 +118,7 @@ def contrast_over_threshold(
         raise InputError(
             f"a sequence of {len(levels)} refreshes is shorter than one window of {window_s:g} s"
         )
-    light = viewing.light(levels[: len(levels) // n * n])
-    luminance = light @ LUMINANCE_FROM_RGB
+    luminance = viewing.light(levels[: len(levels) // n * n])
     mean = float(luminance.mean())
     hz, contrast = flicker_spectrum(luminance.reshape(-1, n) / mean, viewing.refresh_hz)
     width, height = viewing.degrees(where)
@@ -143,14 +130,7 @@ def contrast_over_threshold(
         )
         for gaze in gazes
     ]
-    gray = len(set(viewing.colour)) == 1
-    colour = np.zeros(len(contrast))
-    if not gray:
-        changes = opponent_change(light).reshape(-1, n, 2)
-        _, parts = flicker_spectrum(np.moveaxis(changes, 2, 1), viewing.refresh_hz)
-        parts = np.moveaxis(parts, 1, 2)
-        colour = colour_over_threshold(parts, hz, adapted, width, height)
-    return Visibility(max(seen, key=lambda windows: float(windows.mean())), colour)
+    return Visibility(max(seen, key=lambda windows: float(windows.mean())))
 
 
 def random_message(

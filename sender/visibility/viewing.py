@@ -14,9 +14,6 @@ from link.types import Array
 
 PICTURE_LEVELS = (32.0, 128.0, 230.0)
 """Gray levels of a picture that stand for dark, middle and bright."""
-COLOUR_LEVELS = ((200.0, 120.0, 80.0), (80.0, 120.0, 200.0), (60.0, 140.0, 60.0))
-"""Levels of red, green and blue that stand for the usual colours of pictures: skin, sky and leaves.
-Over them a toggle along a direction of colour changes luminance as well."""
 METRES_PER_INCH = 0.0254
 """Length of an inch in metres."""
 Where = Literal["block", "screen"]
@@ -46,10 +43,8 @@ class Viewing:
     """Number of states that are shown a second; a frame pair is two states."""
     refresh_hz: float = 60.0
     """Number of times a second that the display shows a new frame, and holds it until the next."""
-    picture_level: float | tuple[float, float, float] = 128.0
-    """Gray level of the picture below the message, in [0, 255], or its red, green and blue."""
-    colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """Gray levels by which red, green and blue change for each gray level of kappa."""
+    picture_level: float = 128.0
+    """Gray level of the picture below the message, in [0, 255]."""
     diagonal_inch: float = 24.0
     """Diagonal of the display, in inches."""
     aspect: float = 16 / 9
@@ -93,8 +88,7 @@ class Viewing:
                 raise ParameterError(name, f"need a number of at least 0, got {value}")
         if not 0 <= self.ambient_cd_m2 < math.inf:
             raise ParameterError("ambient_cd_m2", f"need at least 0, got {self.ambient_cd_m2}")
-        level = np.asarray(self.picture_level, np.float64)
-        if level.shape not in ((), (3,)) or not ((level >= 0) & (level <= 255)).all():
+        if not 0 <= self.picture_level <= 255:
             raise ParameterError("picture_level", f"need 0 to 255, got {self.picture_level}")
         if not self.gazes_deg or not all(0 <= gaze < 90 for gaze in self.gazes_deg):
             raise ParameterError("gazes_deg", f"need angles from 0 to 90, got {self.gazes_deg}")
@@ -127,13 +121,12 @@ class Viewing:
             amplitudes: (T,) what a line code shows, in units of kappa.
 
         Returns:
-            (T, 3) levels of red, green and blue, clipped to [0, 255].
+            (T,) gray levels, clipped to [0, 255].
 
-        >>> Viewing(kappa=3, whole_levels=True).gray_levels([-0.5, 0.5])[:, 0]
+        >>> Viewing(kappa=3, whole_levels=True).gray_levels([-0.5, 0.5])
         array([127., 130.])
         """
-        added = self.kappa * np.asarray(amplitudes, np.float64)[:, None] * np.array(self.colour)
-        levels = np.asarray(self.picture_level, np.float64) + added
+        levels = self.picture_level + self.kappa * np.asarray(amplitudes, np.float64)
         if self.whole_levels:
             levels = np.floor(levels + 0.5 + 1e-9)  # halves go up on both sides: the swing stays
         return np.asarray(np.clip(levels, 0, 255))
@@ -142,10 +135,10 @@ class Viewing:
         """Turn gray levels into the light of the display and of the room.
 
         Args:
-            levels: (..., 3) of red, green and blue in [0, 255].
+            levels: (...) gray levels in [0, 255].
 
         Returns:
-            (..., 3) linear; each channel times its share of `LUMINANCE_FROM_RGB` gives cd/m².
+            (...) luminance, cd/m².
         """
         if self.gamma is not None:
             linear = np.asarray((np.asarray(levels, np.float64) / 255) ** self.gamma)

@@ -17,7 +17,7 @@ import export.to_onnx as to_onnx_cli
 import receiver.__main__ as receive_cli
 import sender.__main__ as send_cli
 from data_gen.flags import LayoutFlags
-from data_gen.frame_pair import Cell, FramePair, Source
+from data_gen.frame_pair import Source
 from export.parity import Parity
 from export.runtime import Decoder
 from link.captures import load_capture, read_manifest
@@ -70,8 +70,6 @@ WITH_LAYOUT = {
     ("--pilots 0.01", "--pilots: 0.01 of 8x8 blocks is less than 2 pilots"),
     ("--pilots auto --ratex 5", "layout: has pilots beside ratex patches"),
     ("--modulation polar", "modulation"),
-    ("--colour red", "colour"),
-    ("--colour chroma --ratex 5", "layout: ratex patches are gray, bits are chroma"),
 )
 @pytest.mark.parametrize("module", WITH_LAYOUT)
 def test_wrong_layouts_end_in_one_line(
@@ -253,26 +251,15 @@ def test_settings_of_the_usual_layout_are_those_of_runs_that_knew_no_other() -> 
     assert (same[0]["pilots"], same[0]["ratex"]) == (16, 0)
 
 
-def test_chroma_is_simulated_and_decoded_by_what_can(tmp_path: Path, command: Command) -> None:
-    chroma = (*FINE, "--colour", "chroma")
-    command(data_gen_cli.main, *chroma, "--frames", 1, "--out", tmp_path / "out")
-    (entry,) = read_manifest(tmp_path / "out")
-    assert load_capture(tmp_path / "out", entry).layout == replace(FINE_LAYOUT, colour="chroma")
-    names = ["naive", "oorc", "blind", "hidden_ratex", "phi", "learned"]
-    methods = [Method(name) for name in names]
-    suited, notes = suited_methods(methods, replace(FINE_LAYOUT, colour="chroma"))
-    assert ([method.name for method in suited], notes) == (names, [])
-    suited, notes = suited_methods(methods, replace(FINE_LAYOUT, colour="chroma", pilots=0))
+def test_methods_that_train_on_what_the_layout_lacks_are_left_out() -> None:
+    methods = [
+        Method(name) for name in ("naive", "oorc", "blind", "hidden_ratex", "phi", "learned")
+    ]
+    assert suited_methods(methods, FINE_LAYOUT) == (methods, [])
+    suited, notes = suited_methods(methods, replace(FINE_LAYOUT, pilots=0))
     assert [method.name for method in suited] == ["blind", "hidden_ratex"]
     for name, note in zip(("naive", "oorc", "phi", "learned"), notes, strict=True):
         assert note.startswith(f"{name}: left out, it trains on ratex patches or pilots")
-    command(evaluate.main, *TINY, *chroma, "--methods", "oorc", "--no-html",
-                   "--out", tmp_path / "run")  # fmt: skip
-    assert json.loads((tmp_path / "run" / "config.json").read_text())["colour"] == "chroma"
-    (line,) = (tmp_path / "run" / "predictions.jsonl").read_text().splitlines()
-    sent = FramePair(Source(replace(FINE_LAYOUT, colour="chroma")), Cell("canon-lg", 0.0, 5), 0)
-    right = np.mean(np.array(json.loads(line)["bits"]) == sent.displayed.bits)
-    assert right > 0.95
 
 
 @pytest.mark.slow

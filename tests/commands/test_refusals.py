@@ -169,8 +169,6 @@ REFUSED = [
     ("send", "--ratex 4", "--ratex: choose 0, 1, 2, 3 or 5"),
     ("send", "--out x.mkv --size 121x80", "even widths and heights only, got 121x80"),
     ("send", "--color red", "unrecognized arguments: --color red; see --help"),
-    ("send", "--colour red", "--colour: invalid choice: 'red'"),
-    ("send", "--colour chroma", "layout: ratex patches are gray, bits"),
     ("send", "--visibility 1 --kappa 1", "--visibility and --kappa: give one"),
     ("send", "--visibility 0.5", "--visibility: a kappa of 1 is at "),
     ("send", "--visibility 0", "--visibility: need a number above 0, got 0"),

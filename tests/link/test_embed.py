@@ -29,8 +29,6 @@ from link.errors import InputError
 from link.frames import Displayed
 from link.images.quality import psnr, ssim
 from link.layout import (
-    LUMINANCE_FROM_RGB,
-    MODULATIONS,
     Layout,
     block_index,
     block_mean,
@@ -204,7 +202,7 @@ def test_the_mean_of_two_pairs_is_the_picture_in_every_pixel(
     picture = noise(PILOTS, *channels)
     steps = block_steps(picture, PILOTS) if seed else None
     levels = levels_of_steps(kappa, steps, PILOTS)
-    shown = planes(with_head_room(picture, kappa, "antipodal", "gray", levels))
+    shown = planes(with_head_room(picture, kappa, "antipodal", levels))
     first, second = random_bits(PILOTS, seed), random_bits(PILOTS, seed + 1)
     total = np.zeros(shown.shape, int)
     for bits in (first, second):
@@ -298,92 +296,6 @@ def test_any_change_is_dithered_right_over_each_4_x_4_pixels(
         assert below[window].mean() == above[window].mean()
         turned = split_change(np.full((7, 7), -change), before)
         np.testing.assert_array_equal(turned, [-above, -below])
-
-
-# Colour directions
-
-CHROMA = make_layout(8, 8, 157, 131, modulation="antipodal", pilots=16, colour="chroma")
-both_modulations = pytest.mark.parametrize("modulation", MODULATIONS)
-
-
-def test_gray_turns_no_colour_and_chroma_no_luminance() -> None:
-    assert make_layout().direction == (1, 1, 1)
-    red, green, blue = CHROMA.direction
-    assert (red, round(green, 3), blue) == (1, -0.297, 0)
-    assert np.dot(LUMINANCE_FROM_RGB, CHROMA.direction) == pytest.approx(0, abs=FLOAT64)
-
-
-@both_modulations
-@pytest.mark.parametrize("kappa", [1, 2, 3, 5, 10, 64])
-def test_chroma_blocks_change_along_their_direction_over_each_4_x_4_pixels(
-    kappa: int, modulation: str
-) -> None:
-    layout = replace(CHROMA, modulation=modulation)
-    picture, bits = noise(layout, 3), random_bits(layout)
-    displayed = embed(picture, bits, layout, kappa)
-    change = planes(displayed.embedded) - planes(displayed.original)
-    shown = planes(with_head_room(picture, kappa, modulation, "chroma"))
-    surplus = planes(displayed.original) + planes(displayed.embedded) - 2 * shown
-    bit = blocks_of(layout, bits)
-    sign = np.array(MODULATIONS[modulation])[bit]
-    windows = np.lib.stride_tricks.sliding_window_view
-    even = windows(bit, (4, 4)).min(axis=(2, 3)) == windows(bit, (4, 4)).max(axis=(2, 3))
-    assert even.mean() > 0.4
-    for channel, weight in enumerate(CHROMA.direction):
-        mean = windows(change[channel], (4, 4)).mean(axis=(2, 3))[even]
-        wanted = (kappa * weight * sign)[:-3, :-3][even]
-        np.testing.assert_allclose(mean, wanted, rtol=0, atol=1 / 16)
-        if modulation == "antipodal":  # the mean over time is the picture
-            assert (windows(surplus[channel], (4, 4)).sum(axis=(2, 3))[even] == 0).all()
-    np.testing.assert_array_equal(change[0], kappa * sign)
-    assert (change[2] == 0).all()
-    if modulation == "on_off":
-        np.testing.assert_array_equal(planes(displayed.original), shown)
-
-
-def test_a_chroma_block_of_kappa_3_pixel_by_pixel() -> None:
-    """Red -1.5, green 0.446 below: red 1 or 2 on a chessboard, green in 7 of 16 pixels."""
-    layout = make_layout(4, 4, 16, 16, modulation="antipodal", colour="chroma")
-    displayed = embed(np.full((16, 16, 3), 128, np.uint8), np.ones(16), layout, 3)
-    shown = int(with_head_room(np.array([128], np.uint8), 3, "antipodal")[0])
-    red, green, blue = (plane[:4, :4] - shown for plane in planes(displayed.original))
-    np.testing.assert_array_equal(
-        red, [[-1, -2, -1, -2], [-2, -1, -2, -1], [-1, -2, -1, -2], [-2, -1, -2, -1]]
-    )
-    np.testing.assert_array_equal(green, [[1, 0, 1, 0], [0, 1, 0, 1], [1, 0, 1, 0], [0, 0, 0, 1]])
-    assert (blue == 0).all()
-
-
-@both_modulations
-@pytest.mark.parametrize("level", range(3))
-@pytest.mark.parametrize("kappa", [1, 5, 63, 64])
-@pytest.mark.parametrize("bit", [0, 1])
-def test_chroma_frames_stay_within_the_displays_range(
-    bit: int, kappa: int, level: int, modulation: str
-) -> None:
-    layout = replace(SOFT, modulation=modulation, colour="chroma")
-    displayed = embed(noise(layout, 3), np.full(layout.n_bits, bit), layout, kappa, level)
-    bottom, top = (BOTTOM, TOP) if modulation == "on_off" else (0, 255)
-    change = kappa * message_mask(displayed.bits, layout, level).round()[..., None]
-    for frame in (displayed.original, displayed.embedded):
-        assert frame.min() >= bottom
-        assert frame.max() <= top
-    moved = displayed.embedded.astype(int) - displayed.original
-    if level == 0:  # no channel overflowed
-        assert np.abs(moved - change * layout.direction).max() < 1
-
-
-def test_head_room_of_chroma_keeps_grays_gray() -> None:
-    ramp = np.repeat(np.arange(256, dtype=np.uint8)[:, None], 3, axis=1)
-    for modulation, ends in (("on_off", (BOTTOM + 3, TOP - 10)), ("antipodal", (BOTTOM, TOP))):
-        shown = with_head_room(ramp, 10, modulation, "chroma")
-        assert (shown == shown[:, :1]).all()
-        assert (shown[0, 0], shown[-1, 0]) == ends
-
-
-def test_chroma_needs_three_channels() -> None:
-    with pytest.raises(InputError, match="picture has one channel, colour 'chroma' needs three"):
-        embed(noise(CHROMA), random_bits(CHROMA), CHROMA, 3)
 
 
 def test_the_picture_passed_in_is_not_changed(layout: Layout) -> None:

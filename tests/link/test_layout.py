@@ -14,7 +14,6 @@ from tolerances import FLOAT64
 
 from link.errors import InputError, ParameterError
 from link.layout import (
-    COLOURS,
     MAX_SIDE_PX,
     MIN_BLOCK_PX,
     MODULATIONS,
@@ -37,8 +36,7 @@ def layouts(draw: st.DrawFn) -> Layout:
     modulation = draw(st.sampled_from(list(MODULATIONS)))
     if rows * cols > 2 and draw(st.booleans()):
         pilots = draw(st.integers(2, rows * cols - 1))
-        colour = draw(st.sampled_from(list(COLOURS)))
-        return Layout(rows, cols, width, height, (), modulation, pilots, colour)
+        return Layout(rows, cols, width, height, (), modulation, pilots)
     cells = draw(st.lists(cell, unique=True, max_size=min(7, rows * cols - 1)))
     return Layout(rows, cols, width, height, tuple(cells), modulation)
 
@@ -89,9 +87,8 @@ def test_json_holds_the_later_keys_only_where_they_say_something(layout: Layout)
     assert list(described)[:5] == first
     assert ("modulation" in described) == (layout.modulation != "on_off")
     assert ("pilots" in described) == (layout.pilots > 0)
-    assert ("colour" in described) == (layout.colour != "gray")
     assert Layout.from_dict({key: described[key] for key in first}) == replace(
-        layout, modulation="on_off", pilots=0, colour="gray"
+        layout, modulation="on_off", pilots=0
     )
 
 
@@ -250,8 +247,6 @@ def test_a_patch_outside_the_grid_is_named(cell: tuple[int, int]) -> None:
     ({"pilots": 2}, "pilots beside ratex patches"),
     ({"modulation": "onoff"}, "unknown modulation 'onoff'; choose one of: on_off, antipodal"),
     ({"modulation": ""}, "unknown modulation ''"),
-    ({"ratex": (), "colour": "red"}, "unknown colour 'red'; choose one of: gray, chroma"),
-    ({"colour": "chroma"}, "layout: ratex patches are gray, bits are chroma; take pilots"),
 )
 def test_a_grid_that_does_not_fit_says_why(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
@@ -296,18 +291,20 @@ def test_the_number_of_pilots_must_be_whole(value: Any) -> None:
         Layout.from_dict(as_dict(ratex=[], pilots=value))
 
 
-@pytest.mark.parametrize("key", ["modulation", "colour"])
 @pytest.mark.parametrize("value", [None, 1, True, ["antipodal"], {}])
-def test_the_modulation_and_the_colour_must_be_text(value: Any, key: str) -> None:
-    with pytest.raises(InputError, match=f"layout: {key} must be text"):
-        Layout.from_dict(as_dict(**{key: value}))
+def test_the_modulation_must_be_text(value: Any) -> None:
+    with pytest.raises(InputError, match="layout: modulation must be text"):
+        Layout.from_dict(as_dict(modulation=value))
 
 
-def test_chroma_layouts_have_no_patches_unless_they_are_asked_for() -> None:
-    layout = make_layout(colour="chroma")
-    assert (layout.ratex, layout.n_bits) == ((), 64)
-    with pytest.raises(InputError, match="ratex patches are gray"):
-        make_layout(colour="chroma", ratex=2)
+def test_a_stored_layout_may_say_that_its_bits_are_gray() -> None:
+    assert Layout.from_dict(as_dict(colour="gray")) == make_layout()
+
+
+@pytest.mark.parametrize("value", ["chroma", "", None, ["gray"]])
+def test_a_stored_layout_of_another_colour_is_refused(value: Any) -> None:
+    with pytest.raises(InputError, match=r"^layout: colour must be 'gray', got .*; send the mess"):
+        Layout.from_dict(as_dict(colour=value))
 
 
 @cases(None, 5, [5], [[0]], [[0, 1, 2]], [[0, None]], [["a", "b"]], [[math.nan, 0]])

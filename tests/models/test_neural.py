@@ -22,7 +22,7 @@ from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import PAIRS
 from link.errors import InputError
 from link.frames import Captured
-from link.images import as_batch, intensity
+from link.images import as_batch
 from link.layout import Layout, make_layout
 from link.observation import Observation
 from link.types import Array
@@ -469,52 +469,38 @@ def test_bin_mean_leaves_the_margins_out(margin: float, expected: list[float]) -
     np.testing.assert_allclose(matrix.numpy(), [[0] * 6 + expected], rtol=0, atol=FLOAT64)
 
 
-every_intensity = pytest.mark.parametrize(
-    ("colour", "channels"), [(colour, name) for colour in CHANNELS for name in CHANNELS[colour]]
-)
+every_intensity = pytest.mark.parametrize("channels", CHANNELS)
 
 
-def intensities(frames: Array, colour: str, channels: str) -> Array:
+def intensities(frames: Array, channels: str) -> Array:
     """Weigh the channels of (B, 3, H, W) frames in [0, 1] as `Reduce` should."""
-    weights = np.array(CHANNELS[colour][channels])
-    offset = -np.minimum(weights, 0).sum(axis=1)
-    return np.asarray(np.einsum("kc,bchw->bkhw", weights, frames) + offset[:, None, None])
+    return np.asarray(np.einsum("kc,bchw->bkhw", np.array(CHANNELS[channels]), frames))
 
 
 @every_intensity
 @pytest.mark.parametrize("k", [1, 2])
-def test_intensities_are_weighted_means_of_pixels(colour: str, channels: str, k: int) -> None:
+def test_intensities_are_weighted_means_of_pixels(channels: str, k: int) -> None:
     frame = np.random.default_rng(7).integers(0, 256, (2, 3, 6, 8), dtype=np.uint8)
     means = frame.reshape(2, 3, 6 // k, k, 8 // k, k).mean(axis=(3, 5)) / 255
-    expected = intensities(means, colour, channels)
-    reduce = Reduce(CHANNELS[colour][channels], k)
+    expected = intensities(means, channels)
+    reduce = Reduce(CHANNELS[channels], k)
     np.testing.assert_allclose(reduce(torch.from_numpy(frame)), expected, rtol=0, atol=FLOAT32)
     assert reduce.whole == (channels != "luma")
     assert reduce.weights.min() >= 0  # uint8 in the exported graph
-    if colour == "gray" and reduce.whole:
+    if reduce.whole:
         exported = exported_sum(torch.from_numpy(frame), reduce.weights.to(torch.uint8), k)
         np.testing.assert_array_equal(exported, (100 * 255 * k * k * expected).round())
 
 
-@pytest.mark.parametrize("name", ["luma", "quiet"])
-def test_chroma_bits_change_one_intensity_as_they_change_the_papers(name: str) -> None:
-    frame = np.random.default_rng(7).integers(0, 256, (5, 7, 3), dtype=np.uint8)
-    found = Reduce(CHANNELS["chroma"][name], 1)(torch.from_numpy(as_batch(frame)))[0, 0]
-    np.testing.assert_allclose(found, intensity(frame, "chroma"), rtol=0, atol=0.002)
-
-
 @every_intensity
-def test_the_refiner_sees_the_change_of_intensity_and_its_moments(
-    colour: str, channels: str
-) -> None:
-    chroma = make_layout(4, 5, 160, 96, pilots=4, colour="chroma")
-    layout = make_layout(4, 5, 160, 96, 2) if colour == "gray" else chroma
+def test_the_refiner_sees_the_change_of_intensity_and_its_moments(channels: str) -> None:
+    layout = make_layout(4, 5, 160, 96, 2)
     config = replace(FULL, channels=channels, register=False, texture=0.0, coarsen=1)
     module = PhiDecoder(layout, config)
     rng = np.random.default_rng(8)
     frames = rng.integers(0, 256, (2, 1, 3, 96, 160), dtype=np.uint8)
     _, blocks = module.summarise(*torch.from_numpy(frames))
-    i_o, i_e = intensities(frames[:, 0] / 255, colour, channels)
+    i_o, i_e = intensities(frames[:, 0] / 255, channels)
     x = 2 * i_o - 1
     maps = [i_e - i_o, *(legval(x, np.eye(MOMENTS + 1)[k]) for k in range(1, MOMENTS + 1))]
     cells = np.stack(maps).mean(axis=1).reshape(-1, 4, 24, 5, 32).mean(axis=(2, 4))

@@ -18,7 +18,7 @@ from link.layout import MODULATIONS, Layout, make_layout
 from link.observation import Observation
 from link.ratex import training_pixels
 from link.types import Array
-from models import DECODERS, PRETRAINED, make_decoder
+from models import DECODERS, make_decoder
 from models.paper.common import fit_svm, training_samples
 from models.paper.hidden_ratex import HiddenRatex, cluster_threshold
 from models.paper.oorc import explicit_map, inverse_response, legendre
@@ -149,46 +149,6 @@ def test_hidden_ratex_reads_antipodal_pairs(threshold: str, pilots: int) -> None
     layout = make_layout(ratex=0, modulation="antipodal", pilots=pilots)
     pair, bits = make_pair(hidden=True, layout=layout)
     assert errors("hidden_ratex", pair, bits, threshold=threshold) == 0
-
-
-@both_modulations
-@cases("naive", "oorc", "hidden_ratex", "blind", "phi", "learned")
-def test_methods_read_chroma_pairs_whose_luma_hardly_changes(name: str, modulation: str) -> None:
-    hidden = DECODERS[name].equalised
-    layout = make_layout(modulation=modulation, pilots=16, colour="chroma")
-    pair, bits = make_pair(hidden=hidden, colour=True, layout=layout)
-    change = 255 * (intensity(pair.embedded) - intensity(pair.original))
-    along = 255 * (intensity(pair.embedded, "chroma") - intensity(pair.original, "chroma"))
-    assert np.abs(along).mean() > 4 * np.abs(change).mean()
-    assert errors(name, pair, bits) == 0
-
-
-@pytest.mark.parametrize("options", [{"threshold": "constant"}, {"threshold": "clusters"}])
-@both_modulations
-def test_hidden_ratex_finds_the_threshold_of_chroma_bits(
-    options: dict[str, Any], modulation: str
-) -> None:
-    layout = make_layout(modulation=modulation, colour="chroma")
-    pair, bits = make_pair(lambda i: i, hidden=True, colour=True, layout=layout)
-    assert errors("hidden_ratex", pair, bits, **options) == 0
-
-
-def test_a_checkpoint_for_patches_refuses_chroma_pairs() -> None:
-    pair, _ = make_pair(colour=True, layout=make_layout(pilots=16, colour="chroma"))
-    with pytest.raises(UnsuitedError, match="layouts with ratex patches"):
-        make_decoder("learned", checkpoint=PRETRAINED).decode(pair)
-
-
-def test_the_intensity_of_chroma_bits_lies_along_their_direction() -> None:
-    frame = np.random.default_rng(0).integers(0, 256, (5, 7, 3), np.uint8)
-    frame[0, 0], frame[0, 1] = (255, 0, 0), (0, 255, 99)
-    seen = intensity(frame, "chroma")
-    red, green, blue = make_layout(colour="chroma").direction
-    size = red - green
-    expected = (frame @ np.array([red, green, blue]) / 255 - green) / size
-    np.testing.assert_allclose(seen, expected, rtol=0, atol=FLOAT32)
-    assert (seen[0, 0], seen[0, 1]) == pytest.approx((1, 0), abs=FLOAT32)
-    np.testing.assert_array_equal(intensity(frame[..., 0], "chroma"), intensity(frame[..., 0]))
 
 
 @both_modulations

@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from conftest import cases
 from numpy.typing import NDArray
 from tolerances import FLOAT32, FLOAT64, ONNX_SCORE
 from torch import Tensor
@@ -17,7 +16,7 @@ from export.runtime import Decoder
 from export.to_onnx import to_onnx
 from link.embed import embed
 from link.errors import UnsuitedError
-from link.layout import COLOURS, MODULATIONS, Layout, count_pilots, make_layout
+from link.layout import MODULATIONS, Layout, count_pilots, make_layout
 from link.observation import Observation
 from models import PRETRAINED, PRETRAINED_PILOTS, make_decoder, shipped_checkpoint
 from models.phi.checkpoint import load_checkpoint
@@ -31,9 +30,9 @@ both_modulations = pytest.mark.parametrize("modulation", MODULATIONS)
 on_grids = pytest.mark.parametrize("grid", GRIDS, ids=str)
 
 
-def layout_of(grid: tuple[int, int], modulation: str, colour: str = "gray") -> Layout:
+def layout_of(grid: tuple[int, int], modulation: str) -> Layout:
     pilots = count_pilots("auto", *grid)
-    return make_layout(*grid, modulation=modulation, pilots=pilots, colour=colour)
+    return make_layout(*grid, modulation=modulation, pilots=pilots)
 
 
 def shown_pair(layout: Layout, kappa: int = 5) -> tuple[Observation, NDArray[np.intp]]:
@@ -62,23 +61,19 @@ def statistics_of(layout: Layout, batch: int = 2) -> tuple[Tensor, Tensor, Tenso
     return drawn[:, : layout.pilots], drawn[:, layout.pilots :], scores
 
 
-@pytest.mark.parametrize("colour", COLOURS)
 @both_modulations
 @on_grids
-def test_it_reads_a_pair_without_noise_untrained(
-    grid: tuple[int, int], modulation: str, colour: str
-) -> None:
-    pair, bits = shown_pair(layout_of(grid, modulation, colour))
+def test_it_reads_a_pair_without_noise_untrained(grid: tuple[int, int], modulation: str) -> None:
+    pair, bits = shown_pair(layout_of(grid, modulation))
     with torch.no_grad():
         scores, head = PhiDecoder(pair.layout, FULL)(*tensors(pair))
     assert ((scores[0] > 0).numpy() == bits).all()
     assert head.shape == (1, FULL.degree + FULL.drift_degree + 1)
 
 
-@pytest.mark.parametrize("colour", COLOURS)
 @both_modulations
-def test_without_refinement_it_is_oorc_on_pilots(modulation: str, colour: str) -> None:
-    pair, _ = shown_pair(layout_of((8, 8), modulation, colour))
+def test_without_refinement_it_is_oorc_on_pilots(modulation: str) -> None:
+    pair, _ = shown_pair(layout_of((8, 8), modulation))
     decided = [make_decoder(name).decode(pair).bits for name in ("phi", "oorc")]
     np.testing.assert_array_equal(*decided)
 
@@ -190,9 +185,9 @@ def test_a_checkpoint_is_for_patches_or_for_pilots() -> None:
         load_checkpoint(PRETRAINED_PILOTS, layouts[PRETRAINED])
 
 
-@cases(*((each, "gray") for each in MODULATIONS), ("antipodal", "chroma"))
-def test_learned_reads_pilots_with_the_shipped_checkpoint(modulation: str, colour: str) -> None:
-    source = Source(layout_of((24, 32), modulation, colour))
+@both_modulations
+def test_learned_reads_pilots_with_the_shipped_checkpoint(modulation: str) -> None:
+    source = Source(layout_of((24, 32), modulation))
     pair = FramePair(source, Cell("nikon-samsung", 45.0, 5), 3)  # number 0 is mostly black
     wrong = make_decoder("learned").decode(pair.rectified).bits != pair.displayed.bits
     assert wrong.mean() < 0.02
@@ -201,7 +196,7 @@ def test_learned_reads_pilots_with_the_shipped_checkpoint(modulation: str, colou
 @pytest.mark.slow
 def test_the_exported_graph_decides_as_torch_does(tmp_path: Path) -> None:
     """Without refinement, which takes long to export; shipped graphs have it."""
-    layout = layout_of((24, 32), "antipodal", "chroma")
+    layout = layout_of((24, 32), "antipodal")
     decoder = PhiDecoder(layout, DecoderConfig())
     (tmp_path / "decoder.onnx").write_bytes(to_onnx(decoder, "run"))
     parity = compare_with_torch(decoder, Decoder(tmp_path / "decoder.onnx"), frames=6, seed=3)

@@ -9,8 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from link.errors import InputError, ParameterError
-from link.layout import COLOURS, LUMINANCE_FROM_RGB
-from sender.visibility.chroma import colour_over_threshold, opponent_change
 from sender.visibility.elatcsf import (
     POOLING_EXPONENT,
     THRESHOLD_ENERGY,
@@ -22,7 +20,7 @@ from sender.visibility.flicker import (
     flicker_spectrum,
     random_message,
 )
-from sender.visibility.viewing import COLOUR_LEVELS, Viewing
+from sender.visibility.viewing import Viewing
 
 PAGE = ROOT / "docs" / "visibility.md"
 AUTHORS = [
@@ -108,9 +106,9 @@ def test_a_held_square_wave_has_its_odd_harmonics() -> None:
 
 
 def test_light_is_that_of_the_standard_curve_and_of_gamma() -> None:
-    dark, white = Viewing().light([[0, 0, 0], [255, 255, 255]]) @ LUMINANCE_FROM_RGB
+    dark, white = Viewing().light([0, 255])
     assert (dark, white) == pytest.approx((0.6, 200.4))
-    middle = Viewing(gamma=2.2, black_cd_m2=0, ambient_cd_m2=0).light([128] * 3)
+    middle = Viewing(gamma=2.2, black_cd_m2=0, ambient_cd_m2=0).light(128)
     np.testing.assert_allclose(middle, 200 * (128 / 255) ** 2.2)
 
 
@@ -121,7 +119,7 @@ def test_degrees_of_blocks_and_screen() -> None:
 
 
 @cases(("rows", 0), ("states_hz", 45.0), ("states_hz", 120.0), ("picture_level", 256.0),
-     ("picture_level", (0.0, 0.0, -1.0)), ("picture_level", (9.0, 9.0)), ("kappa", -1.0),
+     ("picture_level", -1.0), ("picture_level", float("nan")), ("kappa", -1.0),
      ("gazes_deg", ()), ("distance_m", float("nan")), ("gamma", 0.0),
 )  # fmt: skip
 def test_wrong_viewings_name_the_parameter(name: str, value: object) -> None:
@@ -143,8 +141,7 @@ def test_a_sine_is_its_contrast_times_its_sensitivity() -> None:
     luminance = float(f"{200 * 128 / 255:.3g}")
     expected = 0.05 * flicker_sensitivity(10.0, luminance, *view.degrees("block"))[0]
     expected *= np.sinc(10 / 600)
-    np.testing.assert_allclose(seen.luminance, expected, rtol=1e-6)
-    assert seen.colour.max() == 0
+    np.testing.assert_allclose(seen.windows, expected, rtol=1e-6)
 
 
 def test_a_square_wave_is_four_over_pi_of_its_half_swing() -> None:
@@ -212,43 +209,3 @@ def test_messages_are_as_visible_as_an_independent_computation_found(
     assert waves.mean == pytest.approx(square, rel=0.07)
     assert message_visibility(view, "on_off", rng(), 60).mean == pytest.approx(on_off, rel=0.06)
     assert message_visibility(view, "toggle", rng(), 60).mean == pytest.approx(toggle, rel=0.06)
-
-
-# Colour
-
-
-def test_red_against_green_keeps_its_luminance() -> None:
-    gray = message_visibility(FINE, "toggle", rng(), 4)
-    red = message_visibility(replace(FINE, colour=COLOURS["chroma"]), "toggle", rng(), 4)
-    assert red.luminance.mean() < 0.02 * gray.luminance.mean()
-    assert 0 < red.colour.mean() < gray.luminance.mean()
-    np.testing.assert_allclose(red.windows, np.hypot(red.luminance, red.colour))
-
-
-def test_a_coloured_area_has_levels_of_its_own_and_shows_red_against_green_by_luminance() -> None:
-    gray = replace(FINE, picture_level=(128.0, 128.0, 128.0))
-    np.testing.assert_array_equal(
-        message_visibility(gray, "toggle", rng(), 4).windows,
-        message_visibility(FINE, "toggle", rng(), 4).windows,
-    )
-    np.testing.assert_array_equal(
-        Viewing(kappa=2, picture_level=(10, 20, 30)).gray_levels([1.0]), [[12, 22, 32]]
-    )
-    turned = replace(FINE, colour=COLOURS["chroma"])
-    over_gray = message_visibility(turned, "toggle", rng(), 4)
-    for level in COLOUR_LEVELS:
-        seen = message_visibility(replace(turned, picture_level=level), "toggle", rng(), 4)
-        assert seen.luminance.mean() > 10 * over_gray.luminance.mean()
-        plain = message_visibility(replace(FINE, picture_level=level), "toggle", rng(), 4)
-        assert seen.mean < 0.3 * plain.mean
-
-
-def test_colour_flicker_fuses_below_luminance_flicker() -> None:
-    amplitudes = np.array([[[0.01, 0.0]]])
-    slow, fast = (colour_over_threshold(amplitudes, [hz], 50, 3, 3)[0] for hz in (2, 30))
-    assert fast < 0.1 * slow
-
-
-def test_a_change_of_gray_is_no_change_of_colour() -> None:
-    light = np.outer(rng().uniform(0.5, 1, 20), [1.0, 0.7, 0.2])
-    assert np.abs(opponent_change(light)).max() < 1e-12

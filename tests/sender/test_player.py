@@ -174,8 +174,7 @@ EXACT: dict[str, tuple[int, dict[str, Any], dict[str, Any]]] = {
     "antipodal, ratex, odd": (5, {"ratex": 2, "modulation": "antipodal"}, {}),
     "antipodal, pilots, least": (1, {"pilots": 4, "modulation": "antipodal"}, {}),
     "antipodal, pilots, most": (64, {"pilots": 4, "modulation": "antipodal"}, {}),
-    "antipodal, chroma": (9, {"pilots": 4, "modulation": "antipodal", "colour": "chroma"}, {}),
-    "on_off, chroma": (3, {"pilots": 4, "colour": "chroma"}, {}),
+    "on_off, pilots": (3, {"pilots": 4}, {}),
     "antipodal, ratex, soft": (9, {"ratex": 2, "modulation": "antipodal"}, {"pyramid_level": 1}),
     "on_off, soft": (6, {"pilots": 4}, {"pyramid_level": 1}),
     "antipodal, even": (5, {"pilots": 4, "modulation": "antipodal"}, {"even": True}),
@@ -183,7 +182,7 @@ EXACT: dict[str, tuple[int, dict[str, Any], dict[str, Any]]] = {
     "antipodal, even, most": (64, {"pilots": 4, "modulation": "antipodal"}, {"even": True}),
 }
 """Kappa, and what else a layout and a loop have, by what the page must show exactly."""
-SOON = ("antipodal, chroma", "antipodal, ratex, soft", "antipodal, ratex, even")
+SOON = ("antipodal, pilots, most", "antipodal, ratex, soft", "antipodal, ratex, even")
 
 
 def exact_loop(case: str, *, upright: bool = False) -> Loop:

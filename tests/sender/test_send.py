@@ -34,7 +34,7 @@ from link.errors import InputError
 from link.images import fit_picture, read_image, write_image
 from link.images.quality import psnr
 from link.images.video import read_video, write_video
-from link.layout import COLOURS, MODULATIONS, Layout, make_layout
+from link.layout import MODULATIONS, Layout, make_layout
 from link.loop import Loop
 from link.presets import DEFAULT_PRESET, PRESETS
 from sender.hiding import MESSAGE_SEED, SECONDS, Hiding, Onlooker
@@ -461,7 +461,6 @@ known = st.one_of(
     shapes,
     known,
     st.sampled_from(list(MODULATIONS)),
-    st.sampled_from(list(COLOURS)),
     st.tuples(st.integers(0, 40), st.integers(0, 40)),
     st.binary(min_size=1, max_size=12),
     st.integers(1, 64),
@@ -472,7 +471,6 @@ def test_any_layout_survives_folder_and_player(
     shape: tuple[int, int],
     known: dict[str, int],
     modulation: str,
-    colour: str,
     more: tuple[int, int],
     message: bytes,
     kappa: int,
@@ -481,8 +479,7 @@ def test_any_layout_survives_folder_and_player(
 ) -> None:
     rows, cols = shape
     size = 8 * cols + more[0], 8 * rows + more[1]
-    known = {"ratex": 0} if colour != "gray" and "ratex" in known else known
-    layout = make_layout(rows, cols, *size, modulation=modulation, colour=colour, **known)
+    layout = make_layout(rows, cols, *size, modulation=modulation, **known)
     if layout.n_bits < framing.MIN_BITS:
         return
     picture = noise(layout.height, layout.width, len(message))
@@ -560,7 +557,6 @@ def test_the_sender_says_how_visible_the_message_is(tmp_path: Path, send: Send) 
             ("--kappa", 2),
             ("--kappa", 2, "--refresh", 120, "--state-hz", 60),  # light is held: no change
             ("--kappa", 1),
-            ("--kappa", 2, "--colour", "chroma"),
             ("--kappa", 2, "--distance", 6),
             ("--kappa", 2, "--luminance", 20),
             ("--kappa", 2, "--diagonal", 6),
@@ -574,25 +570,21 @@ def test_the_sender_says_how_visible_the_message_is(tmp_path: Path, send: Send) 
         said = send(tmp_path / f"{number}.html", *given)
         other[number] = [said[key] for key in keys]
     assert other[0] == other[1] == [block, screen]
-    for number in (2, 3, 4, 5, 6):
+    for number in (2, 3, 4, 5):
         assert other[number][0] < block
-    assert other[7][0] > block
+    assert other[6][0] > block
 
 
-@pytest.mark.parametrize("colour", COLOURS)
-def test_the_largest_kappa_below_a_visibility_is_taken(
-    colour: str, tmp_path: Path, send: Send
-) -> None:
-    words = (*SHOWN, "--colour", colour)
-    limit = 10 if colour == "gray" else 1.5
-    said = send(tmp_path / "a", *words, "--visibility", limit)
+def test_the_largest_kappa_below_a_visibility_is_taken(tmp_path: Path, send: Send) -> None:
+    limit = 10
+    said = send(tmp_path / "a", *SHOWN, "--visibility", limit)
     kappa = said["kappa"]
     assert 1 < kappa < 64
     layout = Layout.from_dict(said["layout"])
     hiding = Hiding(layout, 60, Onlooker())
     assert said["visibility_block"] == round(hiding.seen(kappa), 3) <= limit
     assert hiding.seen(kappa + 1) > limit
-    same = send(tmp_path / "b", *words, "--kappa", kappa)
+    same = send(tmp_path / "b", *SHOWN, "--kappa", kappa)
     assert {**same, "out": said["out"]} == said
 
 

@@ -69,8 +69,10 @@ def send_preset(name: str, preset: Preset) -> dict[str, Any]:
     hiding = Hiding(layout, state_hz, Onlooker(distance=preset.distance_m), preset.even)
     strengths = levels_by_step(kappa) if preset.even else [float(kappa)]
     ramp = np.arange(256, dtype=np.uint8)[None]
-    changed = (layout.modulation, layout.colour)
-    room = [with_head_room(ramp, kappa, *changed, np.full(ramp.shape, each)) for each in strengths]
+    room = [
+        with_head_room(ramp, kappa, layout.modulation, np.full(ramp.shape, each))
+        for each in strengths
+    ]
     still = len(rule.changes) + 1
     original, embedded = (shown_levels(layout, kappa, embedded=each) for each in (False, True))
     return {
