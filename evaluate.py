@@ -17,7 +17,7 @@ from data_gen.flags import SourceFlags
 from data_gen.frame_pair import shuffled_pictures
 from data_gen.pairs import PAIRS, pair_names
 from link.captures import read_layouts
-from link.cli import read_flags, run_cli
+from link.cli import check_flags, run_cli
 from link.errors import InputError, at_least, choose, each_once
 from link.files.lock import locked
 from models import DECODERS
@@ -89,7 +89,7 @@ class EvaluateConfig(SourceFlags):
 
 def main() -> None:
     """Decode, score, print; or show what was decoded before."""
-    config = read_flags(lambda: tyro.cli(EvaluateConfig))
+    config = check_flags(tyro.cli(EvaluateConfig))
     if config.report is not None:
         print(f"written: {write_report(config.report)}")
         return

@@ -22,7 +22,7 @@ from tqdm import tqdm
 from data_gen.episodes import EpisodePlan, EpisodeSet, augmented_features, simulate_episodes
 from data_gen.frame_pair import Source
 from data_gen.pairs import PAIRS, get_pair
-from link.cli import read_flags, run_cli
+from link.cli import check_flags, run_cli
 from link.errors import InputError, ParameterError, at_least
 from link.files.lock import locked
 from link.images import write_bytes
@@ -102,9 +102,9 @@ LOOP_VERSION = 2
 def main() -> None:
     """Simulate, train, export, evaluate."""
     if "--films" in sys.argv[1:]:
-        train_films(read_flags(lambda: tyro.cli(FilmTrainConfig)))
+        train_films(check_flags(tyro.cli(FilmTrainConfig)))
         return
-    config = read_flags(lambda: tyro.cli(TrainConfig))
+    config = check_flags(tyro.cli(TrainConfig))
     check_training(config)
     pairs = tuple(PAIRS) if config.pair == "all" else (get_pair(config.pair).name,)
     layouts = LAYOUTS[config.layouts]

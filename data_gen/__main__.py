@@ -12,7 +12,7 @@ from tqdm import tqdm
 from data_gen.flags import CellFlags
 from data_gen.frame_pair import FramePair, shuffled_pictures
 from link.captures import MANIFEST, save_captures
-from link.cli import read_flags, run_cli
+from link.cli import check_flags, run_cli
 from link.errors import ParameterError, at_least
 from link.files.lock import locked
 from link.frames import Captured
@@ -35,7 +35,7 @@ class DataGenConfig(CellFlags):
 
 def main() -> None:
     """Simulate, save, and report how visible the message is."""
-    config = read_flags(lambda: tyro.cli(DataGenConfig))
+    config = check_flags(tyro.cli(DataGenConfig, prog="python -m data_gen"))
     at_least(1, frames=config.frames)
     cell = config.cell()
     source = replace(config.source(config.split), pyramid_level=config.pyramid_level)

@@ -25,7 +25,7 @@ from data_gen.film.frame import VideoFrame
 from data_gen.film.stream import VideoSettings, film
 from data_gen.flags import CellFlags
 from data_gen.frame_pair import shuffled_pictures
-from link.cli import read_flags, run_cli
+from link.cli import check_flags, run_cli
 from link.code.framing import encode
 from link.errors import ParameterError, choose
 from link.files.lock import locked
@@ -124,8 +124,9 @@ def image_name(frame: VideoFrame) -> str:
 
 def main() -> None:
     """Film, and write frames and truth."""
-    usual = FilmConfig.of_preset(read_flags(lambda: tyro.cli(FilmConfig)).preset)
-    config = read_flags(lambda: tyro.cli(FilmConfig, default=usual))
+    prog = "python -m data_gen.video"
+    usual = FilmConfig.of_preset(tyro.cli(FilmConfig, prog=prog).preset)
+    config = check_flags(tyro.cli(FilmConfig, prog=prog, default=usual))
     if not 1 <= config.shown <= MAX_PAIRS:
         raise ParameterError("shown", f"need 1 to {MAX_PAIRS} pictures, got {config.shown}")
     settings, cell, source = config.stream, config.cell(), config.source(config.split)

@@ -18,7 +18,7 @@ from tqdm import trange
 
 from export.parity import synthetic_pair
 from export.runtime import Decoder
-from link.cli import read_flags, run_cli
+from link.cli import check_flags, run_cli
 from link.errors import at_least
 from link.images import as_batch, intensity
 from link.markdown import markdown_table
@@ -51,7 +51,7 @@ class BenchConfig:
 
 def main() -> None:
     """Print a table of median times and ratios, and one JSON line."""
-    config = read_flags(lambda: tyro.cli(BenchConfig))
+    config = check_flags(tyro.cli(BenchConfig, prog="python -m export.bench"))
     at_least(1, rounds=config.rounds, threads=config.threads)
     cv2.setNumThreads(config.threads)
     decoder = Decoder(find_graph(config.model), config.threads)

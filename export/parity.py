@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from export.film_graph import FilmGraph
 from export.runtime import Decoder
-from link.cli import read_flags, run_cli
+from link.cli import check_flags, run_cli
 from link.clock import DisplayClock
 from link.embed import block_changes, embed
 from link.errors import InputError, at_least
@@ -236,7 +236,7 @@ class ParityConfig:
 
 def main() -> None:
     """Print the comparison as JSON; exit status 2 where parity fails."""
-    config = read_flags(lambda: tyro.cli(ParityConfig))
+    config = check_flags(tyro.cli(ParityConfig, prog="python -m export.parity"))
     at_least(1, frames=config.frames)
     module, decoder = load_checkpoint(config.run), Decoder(config.run / "decoder.onnx")
     parity = compare_with_torch(module, decoder, config.frames, config.seed)

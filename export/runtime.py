@@ -3,7 +3,6 @@
 python -m export.runtime MODEL ORIGINAL EMBEDDED [--corners x,y x,y x,y x,y]
 """
 
-import argparse
 import json
 import re
 import sys
@@ -18,7 +17,7 @@ from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
 
 from export.onnx_file import check_onnx_file
 from export.watchdog import Watchdog
-from link.cli import add_pixel_limit, read_flags, run_cli
+from link.cli import Parser, add_pixel_limit, check_flags, run_cli
 from link.errors import InputError, ParameterError
 from link.frames import Captured, SoftBits, check_same_size
 from link.geometry import as_corners
@@ -424,7 +423,7 @@ def parse_corners(points: list[str] | None, flag: str) -> Corners | None:
 
 def main() -> None:
     """Decode two captured images and print bits and scores as JSON."""
-    parser = argparse.ArgumentParser(prog="python -m export.runtime", description=main.__doc__)
+    parser = Parser(prog="python -m export.runtime", description=main.__doc__)
     parser.add_argument("model", type=find_graph, help="an .onnx file, or a preset's name")
     parser.add_argument("original", type=Path, help="image of the original frame")
     parser.add_argument("embedded", type=Path, help="image of the embedded frame")
@@ -440,7 +439,7 @@ def main() -> None:
     add_pixel_limit(parser)
     # a leading blank keeps argparse from taking -0.5,-0.5 for a flag
     words = [re.sub(r"^(?=-[\d.]+,)", " ", word) for word in sys.argv[1:]]
-    args = read_flags(lambda: parser.parse_args(words))
+    args = check_flags(parser.parse_args(words))
     corners = parse_corners(args.corners, "--corners")
     corners_embedded = parse_corners(args.corners_embedded, "--corners-embedded")
     decoder = Decoder(args.model)

@@ -18,7 +18,7 @@ from export.orphan import end_with_parent
 from export.parity import Parity, compare_films, compare_with_torch
 from export.runtime import FORMAT, Decoder
 from link import __version__
-from link.cli import read_flags, run_cli
+from link.cli import check_flags, run_cli
 from link.errors import InputError, ParameterError, at_least
 from link.files.lock import locked
 from link.images import replaced
@@ -254,7 +254,7 @@ class ExportConfig:
 
 def main() -> None:
     """Export, check parity, and say so."""
-    config = read_flags(lambda: tyro.cli(ExportConfig))
+    config = check_flags(tyro.cli(ExportConfig, prog="python -m export.to_onnx"))
     at_least(1, parity_frames=config.parity_frames)
     layout = read_layout(config.layout) if config.layout else None
     run = config.run or shipped_checkpoint(layout or make_layout())

@@ -20,7 +20,7 @@ from data_gen.pairs import PAIRS
 from lab.__main__ import STUDIES, find_study
 from lab.docs_blocks import BLOCKS
 from lab.study import DOCS, keep_blocks, stored_results
-from link.cli import read_flags, run_cli
+from link.cli import check_flags, run_cli
 from link.errors import InputError, at_least, choose
 from link.images import write_image
 from link.layout import make_layout
@@ -86,7 +86,7 @@ class ReadmeConfig:
 
 def main() -> None:
     """Run the steps, keep their results, write the blocks."""
-    config = read_flags(lambda: tyro.cli(ReadmeConfig))
+    config = check_flags(tyro.cli(ReadmeConfig, prog="python -m lab.docs"))
     at_least(1, frames=config.frames, jobs=config.jobs)
     at_least(0, seed=config.seed)
     whole: dict[tuple[str, ...], tuple[str, ...]] = {("all",): tuple(STEPS), ("none",): ()}

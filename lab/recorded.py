@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from link.captures import MANIFEST
-from link.cli import read_flags, run_cli
+from link.cli import check_flags, run_cli
 from link.embed import check_kappa
 from link.errors import InputError
 from link.geometry import in_image
@@ -48,7 +48,7 @@ class RecordedConfig:
 
 def main() -> None:
     """Locate, read what was sent, write the manifest."""
-    config = read_flags(lambda: tyro.cli(RecordedConfig))
+    config = check_flags(tyro.cli(RecordedConfig, prog="python -m lab.recorded"))
     layout, kappa = read_sent(config.sent)
     states = sorted(config.sent.glob("state_*.png"))
     if not config.photos.is_dir():

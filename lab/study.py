@@ -18,7 +18,7 @@ import pandas as pd
 import tyro
 from matplotlib.figure import Figure
 
-from link.cli import read_flags
+from link.cli import check_flags
 from link.errors import at_least
 from link.files.lock import locked
 from link.images import write_bytes
@@ -186,9 +186,8 @@ def run_study(study: Study[F, R], arguments: Sequence[str]) -> None:
     Raises:
         InputError: a flag is wrong, tasks failed, or another process writes the folder.
     """
-    flags = read_flags(
-        lambda: tyro.cli(study.flags, prog=f"python -m lab {study.name}", args=arguments)
-    )
+    prog = f"python -m lab {study.name}"
+    flags = check_flags(tyro.cli(study.flags, prog=prog, args=arguments))
     at_least(1, jobs=flags.jobs)
     at_least(0, seed=flags.seed)
     study.check(flags)

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from link.cli import add_pixel_limit, read_flags, run_cli
+from link.cli import Parser, add_pixel_limit, check_flags, run_cli
 from link.code.authenticate import Verifier, read_key
 from link.errors import InputError, ParameterError, at_least
 from link.frames import check_same_size
@@ -39,7 +39,7 @@ stream fits a disk."""
 
 def main() -> None:
     """Print JSON lines until the message is whole or the frames end."""
-    parser = argparse.ArgumentParser(prog="python -m receiver", description=__doc__)
+    parser = Parser(prog="python -m receiver", description=__doc__)
     kinds = "folder of images, video, or camera's number such as 0; or two images of a frame pair"
     parser.add_argument("input", nargs="+", metavar="INPUT", help=kinds)
     parser.add_argument(
@@ -60,7 +60,7 @@ def main() -> None:
     parser.add_argument("--key", type=Path, help="deliver only what was sent with this key")
     parser.add_argument("--max-age", type=float, help="of a message with a key, seconds")
     add_pixel_limit(parser)
-    args = read_flags(parser.parse_args)
+    args = check_flags(parser.parse_args())
     at_least(1, threads=args.threads)
     if len(args.input) > 2:
         raise InputError("INPUT: give one folder, video or camera, or two images")

@@ -5,14 +5,13 @@ read before; then each is pushed through the receiver, and one cv2.warpPerspecti
 the layout's size is timed beside it, so that what else the machine does meets both.
 """
 
-import argparse
 import json
 from time import perf_counter
 
 import cv2
 import numpy as np
 
-from link.cli import add_pixel_limit, read_flags, run_cli
+from link.cli import Parser, add_pixel_limit, check_flags, run_cli
 from link.errors import InputError, at_least
 from link.markdown import markdown_table
 from models import find_graph
@@ -26,9 +25,7 @@ H_CAPTURED_FROM_DISPLAY = np.array([[2.0, 0.1, 100], [0.05, 1.8, 60], [1e-4, 1e-
 
 def main() -> None:
     """Print a table of stages and one JSON line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m receiver.bench", description="Speed of the whole receiver."
-    )
+    parser = Parser(prog="python -m receiver.bench", description="Speed of the whole receiver.")
     parser.add_argument("input", metavar="INPUT", help="a folder of images or a video file")
     parser.add_argument(
         "--model",
@@ -40,7 +37,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=300, help="at most")
     parser.add_argument("--threads", type=int, default=2, help="of onnxruntime and OpenCV")
     add_pixel_limit(parser)
-    args = read_flags(parser.parse_args)
+    args = check_flags(parser.parse_args())
     at_least(1, threads=args.threads, frames=args.frames)
     cv2.setNumThreads(args.threads)
     source = open_source(args.input, args.fps, args.max_megapixels)

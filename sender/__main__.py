@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from link.cli import add_pixel_limit, read_flags, run_cli
+from link.cli import Parser, add_pixel_limit, check_flags, run_cli
 from link.code.authenticate import MAX_STAMP, read_key, sign
 from link.code.fine import MAX_MESSAGE, USUAL_REDUNDANCY
 from link.code.framing import encode, frames_needed
@@ -183,9 +183,9 @@ def display_size(text: str) -> tuple[int, int]:
     return size
 
 
-def send_parser() -> argparse.ArgumentParser:
+def send_parser() -> Parser:
     """Make the parser of the command line."""
-    parser = argparse.ArgumentParser(prog="python -m sender", description=main.__doc__)
+    parser = Parser(prog="python -m sender", description=main.__doc__)
     add, usual = parser.add_argument, Onlooker()
     add("pictures", type=Path, help="an image, a folder of images, or a video")
     add("--message", help="text to send")
@@ -236,7 +236,7 @@ def main() -> None:
     picture's mean over time changed (CIEDE2000), the preset, and how visible the message is to the
     eye, as contrast over threshold (docs/visibility.md).
     """
-    args = read_flags(send_parser().parse_args)
+    args = check_flags(send_parser().parse_args())
     kind = output_kind(args.out)
     message = message_of(args.message, args.file)
     preset = PRESETS[args.preset]

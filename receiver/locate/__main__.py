@@ -3,13 +3,12 @@
 python -m receiver.locate IMAGE... [--model MODEL | --layout FILE] [--show DIR]
 """
 
-import argparse
 import json
 import sys
 from pathlib import Path
 from typing import Any
 
-from link.cli import add_pixel_limit, print_error, read_flags, run_cli
+from link.cli import Parser, add_pixel_limit, check_flags, print_error, run_cli
 from link.errors import InputError
 from link.images import pixel_limit, read_image, write_image
 from link.layout import Layout, read_layout
@@ -33,7 +32,7 @@ def layout_of(model: Path | None, file: Path | None) -> Layout | None:
 
 def main() -> None:
     """Print where the display is, one JSON line an image."""
-    parser = argparse.ArgumentParser(prog="python -m receiver.locate", description=main.__doc__)
+    parser = Parser(prog="python -m receiver.locate", description=main.__doc__)
     parser.add_argument("images", type=Path, nargs="+", metavar="IMAGE")
     known = parser.add_mutually_exclusive_group()
     known.add_argument(
@@ -42,7 +41,7 @@ def main() -> None:
     known.add_argument("--layout", type=Path, help="a JSON file with the layout, or sent.json")
     add_pixel_limit(parser)
     parser.add_argument("--show", type=Path, metavar="DIR", help="write images with the outline")
-    args = read_flags(parser.parse_args)
+    args = check_flags(parser.parse_args())
     pixel_limit(args.max_megapixels)  # a wrong limit is no error of each image
     layout, failed = layout_of(args.model, args.layout), False
     shown = [] if args.show is None else [args.show / f"{path.stem}.png" for path in args.images]

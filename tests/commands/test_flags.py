@@ -3,7 +3,6 @@
 import argparse
 import dataclasses
 import importlib
-import re
 import sys
 import typing
 from collections.abc import Iterator
@@ -15,9 +14,6 @@ from conftest import Command, Refuses, cases, run_process, slow
 
 from lab.__main__ import STUDIES
 from link import __version__
-from link.cli import read_flags
-from link.cli.help import usual_help
-from link.errors import InputError
 
 NASTY = ("nan", "inf", "-inf", "1e400", "9" * 23, "9" * 31, "1" + 400 * "0", "9" * 5000)
 """Values that no flag takes."""
@@ -27,7 +23,7 @@ FILM = "--message a --out x"
 
 def commands() -> list[str]:
     """Every module that reads flags, and of the lab every study, in words of a command line."""
-    found = run_process("git", "grep", "-lw", "read_flags", "--", "*.py", ":!tests", ":!link")
+    found = run_process("git", "grep", "-lw", "check_flags", "--", "*.py", ":!tests", ":!link")
     modules = [file.removesuffix(".py").replace("/", ".") for file in found.stdout.split()]
     modules.remove("lab.study")
     return [*modules, *(f"lab.__main__ {name}" for name in STUDIES)]
@@ -108,9 +104,9 @@ def test_numbers_that_no_flag_takes(
             words = [f"{flag}={value}"] if count == 1 else [flag, *[value] * count]
             done = command(main, *study, *needed, *words, status=2)
             what = f"{name} {flag} {value:.40}: {done.stderr}"
-            assert (done.stdout, done.stderr.count("\n")) == ("", 1), what
-            assert done.stderr.replace("_", "-").startswith(f"error: {flag}: "), what
-            assert len(done.stderr) < 400, what
+            assert done.stdout == "" and "Traceback" not in done.stderr, what
+            said = done.stderr.replace("_", "-")
+            assert flag in said or flag[2:].replace(".", ": ") in said, what
 
 
 def test_the_numbers_of_commands_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -131,43 +127,28 @@ def test_the_numbers_of_commands_are_found(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 @cases(
-    ("data_gen.__main__", "--fram 3 --out x", "Unrecognized options: --fram, 3; perhaps you meant"),
-    ("data_gen.__main__", "", "Missing from program: --out PATH "),
-    ("data_gen.__main__", "--out x y", "Unrecognized options: y"),
-    ("data_gen.__main__", "--out x --frames", "Missing value for argument '--frames'. Expected 1 "),
-    ("data_gen.__main__", "--out x --frames 1.5", "--frames: need a whole number, got '1.5'"),
+    ("data_gen.__main__", "--fram 3 --out x", "--fram"),
+    ("data_gen.__main__", "", "--out"),
+    ("data_gen.__main__", "--out x --frames", "--frames"),
+    ("data_gen.video", f"{FILM} --size 3", "--size"),
+    ("data_gen.video", f"{FILM} --window x", "--window"),
+    ("lab.__main__", "visibility --nothing", "--nothing"),
+    ("export.parity", "", "PATH"),
+    ("receiver.__main__", "", "error: the following arguments are required: INPUT; see --help\n"),
+    ("receiver.__main__", "x --bogus", "error: unrecognized arguments: --bogus; see --help\n"),
     (
-        "data_gen.video",
-        f"{FILM} --size 3",
-        "Missing value for argument '--size'. Expected 2 values",
+        "receiver.__main__",
+        "x --threads many",
+        "error: argument --threads: invalid int value: 'many'",
     ),
-    ("data_gen.video", f"{FILM} --passer-s 3", "--passer-s: no type matching {None}|{FLOAT FLOAT}"),
-    (
-        "data_gen.video",
-        f"{FILM} --window x",
-        "invalid choice 'x' for argument '--window'. Expected",
-    ),
-    ("train", "--decoder.coarsen 3", "--decoder.coarsen: need 1 or 2, got 3"),
-    ("export.parity", "", "Missing from program: PATH "),
-    ("receiver.__main__", "", "the following arguments are required: INPUT"),
-    ("receiver.__main__", "x --bogus", "unrecognized arguments: --bogus"),
-    ("receiver.__main__", "x --threads many", "--threads: need a whole number, got 'many'"),
-    ("export.runtime", "m a b --corners 0,0", "--corners: expected 4 arguments"),
+    ("export.runtime", "m a b --corners 0,0", "error: argument --corners: expected 4 arguments"),
 )
-def test_whatever_a_parser_says_becomes_one_line(
-    module: str, words: str, says: str, refuses: Refuses
+def test_what_a_parser_refuses_names_the_flag(
+    module: str, words: str, says: str, command: Command
 ) -> None:
-    said = refuses(module, words)
-    assert said.startswith(f"error: {says}") and said.endswith("; see --help")
-
-
-def test_words_of_a_parser_that_are_not_known_are_passed_on_in_one_line() -> None:
-    def read() -> None:
-        print(" Oh\n ----\n The\n moon\n\n is\n ----\n more", file=sys.stderr)
-        raise SystemExit(2)
-
-    with pytest.raises(InputError, match=r"^The moon; see --help$"):
-        read_flags(read)
+    done = command(importlib.import_module(module).main, *words.split(), status=2)
+    assert done.stdout == ""
+    assert says in done.stderr and "Traceback" not in done.stderr
 
 
 @pytest.mark.parametrize("module", ["data_gen.__main__", "sender.__main__"])
@@ -175,21 +156,6 @@ def test_help_is_printed(module: str, command: Command) -> None:
     done = command(importlib.import_module(module).main, "--help")
     assert done.stderr == ""
     assert "--kappa" in done.stdout and done.stdout.count("\n") > 20
-    assert not re.search(r"\{None\}|\(default: \)|-----", done.stdout)
-
-
-def test_flags_of_the_layout_come_last_and_those_that_must_be_given_first() -> None:
-    printed = (
-        "usage: x.py [-h] [OPTIONS]\n\nDoes\n100 % of it.\n\n options   \n -------------------- \n"
-        "  -h, --help   show this help\n  --rows INT   Rows. (default: 8)\n"
-        "  --names {None}|{[STR [STR ...]]}   \n      Names, as in\n      'a'. (default: None)\n"
-        "  --out PATH   Folder. (required)\n"
-    )
-    said = usual_help(printed)
-    order = ["Does 100 % of it.", "options:\n", "--out PATH", "--help", "--names [STR ...]"]
-    order += ["in other commands", "--rows INT"]
-    assert sorted(order, key=said.index) == order
-    assert "Names, as in 'a'." in said and "None" not in said
 
 
 def test_every_command_says_its_version(command: Command) -> None:
@@ -231,7 +197,6 @@ def test_names_and_texts_that_cannot_be(
     ("x", "unknown study 'x'; choose one of: "),
     ("visibility --jobs 0", "--jobs: need at least 1"),
     ("visibility --seed -1", "--seed: need 0 to"),
-    ("visibility --nothing", "Unrecognized options: --nothing"),
     ("delivery --views 1000000", "--views: need an angle"),
     ("delivery --preset x", "unknown preset 'x'"),
     ("delivery --kappa 1000", "--kappa: need 1 to 64"),

@@ -134,15 +134,22 @@ def test_training_again_into_the_same_folder_evaluates_the_new_decoder(
     ("--lr 0", "--lr: need more than 0 and less than 10, got 0"),
     ("--lr nan", "--lr: need -1000000 to 1000000, got nan"),
     ("--batch 0", "--batch: need at least 1, got 0"),
-    ("--decoder.degree 40", "--decoder.degree: need 1 to 12, got 40"),
-    ("--decoder.coarsen 3", "--decoder.coarsen: need 1 or 2, got 3"),
-    ("--decoder.channels hsv", "Error parsing decoder: unknown channels 'hsv'"),
     ("--decoder.refine 2", "--start: the shipped decoder has other parts; choose constants"),
 )
 def test_each_wrong_flag_has_a_message_of_its_own(
     flags: str, message: str, refuses: Refuses
 ) -> None:
     refuses("train", f"--out run {flags}", f"error: {message}")
+
+
+@cases(
+    ("--decoder.degree 40", "decoder: degree: need 1 to 12, got 40"),
+    ("--decoder.coarsen 3", "decoder: coarsen: need 1 or 2, got 3"),
+    ("--decoder.channels hsv", "decoder: unknown channels 'hsv'"),
+)
+def test_a_wrong_part_of_the_decoder_is_named(flags: str, message: str, command: Command) -> None:
+    said = command(train.main, *flags.split(), status=2).stderr
+    assert message in said and "Traceback" not in said
 
 
 # The loop

@@ -4,11 +4,10 @@ Writes a wheel for Python, a package for npm, and the JSON Schema of the events 
 the sizes as one line of JSON. docs/embed.md shows how they are used.
 """
 
-import argparse
 import json
 from pathlib import Path
 
-from link.cli import read_flags, run_cli
+from link.cli import Parser, check_flags, run_cli
 from link.files.lock import locked
 from link.images import write_bytes
 from web.package.npm import write_npm_package
@@ -18,12 +17,12 @@ from web.package.wheel import write_wheel
 
 def main() -> None:
     """Write the packages."""
-    parser = argparse.ArgumentParser(prog="python -m web.package", description=__doc__)
+    parser = Parser(prog="python -m web.package", description=__doc__)
     parser.add_argument("--out", type=Path, required=True, help="folder for the packages")
     parser.add_argument(
         "--only", choices=("wheel", "npm"), help="leave the other one out; npm needs Node.js"
     )
-    args = read_flags(parser.parse_args)
+    args = check_flags(parser.parse_args())
     schema = args.out / "events.schema.json"
     files = [schema]
     with locked(args.out):

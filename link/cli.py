@@ -1,4 +1,8 @@
-"""Command lines: flags are read and checked here, and what is wrong is printed in one line."""
+"""Command lines: flags are checked here, and what is wrong with an input is printed in one line.
+
+argparse reads the flags of commands that are deployed, and tyro those of all others. Both print
+their own help.
+"""
 
 import dataclasses
 import io
@@ -6,15 +10,14 @@ import os
 import re
 import sys
 from argparse import ArgumentParser, Namespace
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import redirect_stderr, redirect_stdout, suppress
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from itertools import pairwise
-from typing import TypeVar
+from typing import Any, NoReturn, TypeVar
 
 import cv2
 
 from link import __version__
-from link.cli.help import usual_help
 from link.code.authenticate import MAX_STAMP
 from link.errors import InputError, ParameterError
 from link.images import MAX_MEGAPIXELS
@@ -32,17 +35,6 @@ MAX_OF_FLAG = {
 }
 """Largest numbers by the flag's name. Every library that the project draws from takes seeds of 32
 bits."""
-PLAIN_WORDS = (
-    (r"^(argument|Error parsing) (?=-)", ""),
-    (r"^Error parsing (\w+): (\w+):", r"--\1.\2:"),
-    (r"invalid literal for int\(\) with base 10:|invalid int value:", "need a whole number, got"),
-    (r"Could not (find valid parse for|parse) arguments:?", "need other values, got"),
-)
-"""Patterns of what argparse and tyro say, each with what is said instead: the flag comes first."""
-RULE = re.compile(r"^ *-* *$", re.MULTILINE)
-"""Pattern of a line that ends a paragraph: it is blank, or a rule that tyro draws."""
-RULE_OF_TYRO = re.compile(r"^ -{20,} *$", re.MULTILINE)
-"""Pattern of the rule below a title in the help of tyro."""
 NO_MEMORY = re.compile(r"Insufficient memory|can't allocate memory|bad_?alloc", re.IGNORECASE)
 """Pattern of what OpenCV and torch say where memory is used up; they raise no `MemoryError`."""
 
@@ -55,6 +47,8 @@ def run_cli(main: Callable[[], None]) -> None:
     | an `InputError`, whatever the system refuses (`OSError`), too little memory | 2 |
     | an interrupt from the keyboard | 130 |
     | nobody reads the output any more, as in ``... | head -1``; nothing is printed | 141 |
+
+    Every command takes --version by itself, too.
     """
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # its descriptor was closed, as by >&-
@@ -63,7 +57,10 @@ def run_cli(main: Callable[[], None]) -> None:
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
         try:
-            main()
+            if sys.argv[1:] == ["--version"]:
+                print(__version__)
+            else:
+                main()
         finally:
             sys.stdout.flush()  # a full device or a closed pipe must show here, not at the exit
     except InputError as error:
@@ -88,6 +85,32 @@ def run_cli(main: Callable[[], None]) -> None:
         sys.exit(2)
 
 
+class Parser(ArgumentParser):
+    """argparse's parser, whose complaints are an `InputError`, which `run_cli` prints in one line.
+
+    It says, too, where its help cannot be written, which argparse's own hides.
+
+    >>> parser = Parser()
+    >>> _ = parser.add_argument("--frames", type=int)
+    >>> parser.parse_args(["--frames", "many"])
+    Traceback (most recent call last):
+    ...
+    link.errors.InputError: argument --frames: invalid int value: 'many'; see --help
+    """
+
+    def error(self, message: str) -> NoReturn:
+        """Raise what argparse would print below the usage of all flags."""
+        raise InputError(f"{message}; see --help")
+
+    def print_help(self, file: Any = None) -> None:
+        """Print the help to a file, by default to stdout.
+
+        Raises:
+            OSError: the file takes no more.
+        """
+        print(self.format_help(), end="", file=file)
+
+
 def add_pixel_limit(parser: ArgumentParser) -> None:
     """Give a command the flag --max-megapixels, the argument of `link.images.pixel_limit`."""
     parser.add_argument(
@@ -98,71 +121,26 @@ def add_pixel_limit(parser: ArgumentParser) -> None:
     )
 
 
-def read_flags(read: Callable[[], T]) -> T:
-    """Read a command's flags with argparse or tyro, and say in one line what is wrong with them.
-
-    Refused beside what the parser refuses are texts that are empty or not UTF-8, negative whole
-    numbers, and numbers that are not finite or are beyond `MAX_NUMBER`. --help prints and exits as
-    usual, in the style of argparse, and so does --version.
+def check_flags(flags: T) -> T:
+    """Check what argparse or tyro have read from the command line.
 
     Args:
-        read: ``parser.parse_args`` of argparse, or a call of ``tyro.cli``.
+        flags: a namespace of argparse, or a dataclass that tyro made.
 
     Returns:
-        what ``read`` returns.
+        ``flags`` as they are.
 
     Raises:
-        InputError: a flag is unknown, missing or wrong.
-
-    >>> import argparse
-    >>> parser = argparse.ArgumentParser()
-    >>> _ = parser.add_argument("--frames", type=int)
-    >>> read_flags(lambda: parser.parse_args(["--frames", "many"]))
-    Traceback (most recent call last):
-    ...
-    link.errors.InputError: --frames: need a whole number, got 'many'; see --help
+        InputError: a text is empty or not UTF-8, or a number is not finite, beyond `MAX_NUMBER`, or
+            whole and negative.
     """
-    if sys.argv[1:] == ["--version"]:
-        print(__version__)
-        sys.exit(0)
-    _refuse_empty_words(sys.argv)
-    printed, answer = io.StringIO(), io.StringIO()  # no terminals, so tyro writes plain text
-    try:
-        with redirect_stderr(printed), redirect_stdout(answer):
-            flags = read()
-    except SystemExit as end:
-        if end.code in (None, 0):
-            said = answer.getvalue()  # argparse hides that it cannot be written
-            sys.stdout.write(usual_help(said) if RULE_OF_TYRO.search(said) else said)
-            raise
-        raise InputError(f"{_complaint(printed.getvalue())}; see --help") from None
-    sys.stderr.write(printed.getvalue())  # warnings of a parser that went on
+    for before, word in pairwise(sys.argv):
+        if not word or (word.startswith("--") and word.endswith("=")):
+            flag = word[:-1] or (before if before.startswith("--") else "an input")
+            raise InputError(f"{flag}: empty; give a name, a number or a text")
     for name, value in _leaves("", flags):
         _check_value(name, value)
     return flags
-
-
-def _refuse_empty_words(words: Sequence[str]) -> None:
-    """Raise an `InputError` where a command line gives a flag or an input an empty text."""
-    for before, word in pairwise(words):
-        flag, given, value = word.partition("=")
-        if not word or (given and not value and flag.startswith("--")):
-            flag = flag or (before if before.startswith("--") else "an input")
-            raise InputError(f"{flag}: empty; give a name, a number or a text")
-
-
-def _complaint(printed: str) -> str:
-    """Take what is wrong out of what argparse or tyro printed, in one line.
-
-    Of argparse it is what follows "error:", of tyro the paragraph below the title and its rule,
-    and the flag that tyro suggests for one that is unknown.
-    """
-    said = printed.partition(": error: ")[2] or RULE.split(printed)[1]
-    said = " ".join(said.split()).rstrip(".")[:300]  # it may repeat a long value
-    for pattern, words in PLAIN_WORDS:
-        said = re.sub(pattern, words, said)
-    meant = re.search(r"Perhaps you meant:\s+(--\S+)", printed)
-    return f"{said}; perhaps you meant {meant[1]}" if meant else said
 
 
 def _leaves(name: str, value: object) -> Iterator[tuple[str, object]]:
