@@ -3,7 +3,6 @@
 import json
 import multiprocessing
 import os
-import platform
 import signal
 import subprocess
 import sys
@@ -13,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from conftest import Command, Refuses, cases, files_in, refusal
+from conftest import Command, Refuses, cases, files_in, refusal, run_process
 
 import train
 from export import to_onnx
@@ -61,9 +60,16 @@ def refused(folder: Path, file: str = "") -> str:
     return refusal(locked(folder, file).__enter__)
 
 
-def test_a_second_process_is_refused_with_the_id_of_the_first(tmp_path: Path) -> None:
-    with holder(tmp_path) as (process, _):
-        assert f"{tmp_path}: process {process.pid} is writing it" in refused(tmp_path)
+def refused_elsewhere(folder: Path) -> str:
+    """What another process is told that wants the lock."""
+    line = "import sys; from pathlib import Path; from link.files.lock import locked\n"
+    line += "with locked(Path(sys.argv[1])): pass"
+    return run_process(sys.executable, "-c", line, folder, status=1).stderr
+
+
+def test_a_second_process_is_refused(tmp_path: Path) -> None:
+    with holder(tmp_path):
+        assert refused(tmp_path).startswith(f"{tmp_path}: another process is writing it; wait")
         with locked(tmp_path / "another"), locked(tmp_path, "film.mkv"):
             pass
     with locked(tmp_path):  # the kernel dropped the lock of the process that was killed
@@ -79,8 +85,8 @@ NO_PROCESS = 2**31 - 1
 def test_one_file_of_a_folder_can_be_locked(tmp_path: Path) -> None:
     (tmp_path / f".other.mkv.{NO_PROCESS}.tmp").touch()
     (tmp_path / f".film.mkv.{NO_PROCESS}.tmp.mkv").touch()
-    with holder(tmp_path, "film.mkv") as (process, _):
-        assert f"{tmp_path / 'film.mkv'}: process {process.pid}" in refused(tmp_path, "film.mkv")
+    with holder(tmp_path, "film.mkv"):
+        assert f"{tmp_path / 'film.mkv'}: another process" in refused(tmp_path, "film.mkv")
         with locked(tmp_path, "other.mkv"):
             pass
     with locked(tmp_path, "film.mkv"):
@@ -93,29 +99,16 @@ def test_what_a_process_that_lives_writes_in_a_subfolder_is_not_removed(tmp_path
     (tmp_path / "sub").mkdir()
     for name in names:
         (tmp_path / "sub" / name).touch()
-    (tmp_path / LOCK).write_text(f"{NO_PROCESS} {platform.node()}\n")
+    (tmp_path / LOCK).touch()
     with locked(tmp_path):
         assert os.listdir(tmp_path / "sub") == names[:1]
 
 
-def test_a_process_on_another_host_is_named_with_it(tmp_path: Path) -> None:
-    with holder(tmp_path) as (process, _):
-        (tmp_path / LOCK).write_text(f"{process.pid} elsewhere\n")
-        assert f"process {process.pid} on elsewhere is writing it" in refused(tmp_path)
-
-
-@pytest.mark.parametrize("left", ["", "1234567 \n", "garbage", "\0" * 999])
-def test_a_file_that_was_left_locks_nothing(tmp_path: Path, left: str) -> None:
-    (tmp_path / LOCK).write_text(left)
+def test_a_file_that_was_left_locks_nothing(tmp_path: Path) -> None:
+    (tmp_path / LOCK).write_text("1234567\n")
     with locked(tmp_path):
-        assert (tmp_path / LOCK).read_text().split()[0] == str(os.getpid())
+        assert "another process" in refused_elsewhere(tmp_path)
     assert not list(tmp_path.iterdir())
-
-
-def test_what_an_unreadable_name_holds_is_refused_all_the_same(tmp_path: Path) -> None:
-    with holder(tmp_path):
-        (tmp_path / LOCK).write_text("²")
-        assert "another process is writing it" in refused(tmp_path)
 
 
 def test_a_lock_that_is_a_link_or_a_folder_is_refused(tmp_path: Path) -> None:
@@ -144,7 +137,7 @@ def test_an_error_releases_the_lock(tmp_path: Path) -> None:
 @pytest.mark.parametrize("how", ["fork", "spawn"])
 def test_a_child_does_not_keep_the_lock_of_a_parent_that_died(tmp_path: Path, how: str) -> None:
     with holder(tmp_path, "", how) as (process, child):
-        assert f"process {process.pid}" in refused(tmp_path)
+        assert "another process" in refused(tmp_path)
         process.kill()
         process.wait()
         os.kill(int(child), 0)  # it lives
@@ -213,8 +206,8 @@ def test_commands_refuse_an_output_that_is_being_written(
 ) -> None:
     folder = tmp_path if lock else tmp_path / out
     folder.mkdir(exist_ok=True)
-    with holder(folder, lock) as (process, _):
-        says = f"{folder / lock}: process {process.pid} is writing it"
+    with holder(folder, lock):
+        says = f"{folder / lock}: another process is writing it"
         refuses(module, f"{words} --out {tmp_path / out}", says, folder=tmp_path)
 
 

@@ -55,7 +55,7 @@ def write_wheel(folder: Path) -> Path:
     files = package_files()
     info = f"{NAME}-{__version__}.dist-info"
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
-    requires = [f"Requires-Dist: {needed}" for needed in project["dependency-groups"]["deploy"]]
+    requires = [f"Requires-Dist: {needed}" for needed in project["dependency-groups"]["receive"]]
     files[f"{info}/METADATA"] = METADATA.format(
         version=__version__,
         python=project["project"]["requires-python"],
