@@ -39,7 +39,6 @@ __all__ = [
     "DisplayEvent",
     "EndEvent",
     "FilmEvent",
-    "FilmReceiver",
     "InputError",
     "MessageEvent",
     "PairEvent",
@@ -50,8 +49,8 @@ __all__ = [
 ]
 
 
-class FilmReceiver:
-    """Reads messages from the frames of a camera that films a display; known as `Receiver`.
+class Receiver:
+    """Reads messages from the frames of a camera that films a display.
 
     Args:
         fps: nominal number of frames of the camera in a second; messages need frames at their
@@ -114,9 +113,6 @@ class FilmReceiver:
     def explanation(self) -> str:
         """What was seen so far, and why no message came, in one line."""
         return self._stream.explanation
-
-
-Receiver = FilmReceiver
 
 
 def read_pair(

@@ -1,18 +1,17 @@
 """Pack the receiving side as a Python wheel, with one import name of its own.
 
-A wheel is a zip file. The module `api` becomes the package `oorc_receiver`, and all that it imports
-from the checkout lies below `oorc_receiver._checkout`, with its imports rewritten.
+The module `api` becomes the package `oorc_receiver`, and all that it imports from the checkout lies
+below `oorc_receiver._checkout`, with its imports rewritten. hatchling makes the wheel of this tree.
 """
 
 import ast
-import base64
-import hashlib
-import io
 import json
 import tomllib
-import zipfile
 from collections.abc import Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from hatchling.builders.wheel import WheelBuilder
 
 from link import __version__
 from link.images import write_bytes
@@ -27,53 +26,48 @@ API = "web.package.api"
 """Module that becomes the package."""
 OWN = ("link", "models", "data_gen", "export", "receiver", "sender", "web", "reports", "lab")
 """Names of the checkout's packages, none of which a wheel may install."""
-BUILT = (2020, 1, 1, 0, 0, 0)
-"""Time of all files of the wheel, so that the same checkout gives the same bytes."""
-METADATA = """\
-Metadata-Version: 2.4
-Name: oorc-receiver
-Version: {version}
-Summary: Read messages that a display hides in its picture, from camera frames
-License-Expression: Apache-2.0
-License-File: LICENSE
-Requires-Python: {python}
-{requires}
-Description-Content-Type: text/markdown
+PROJECT = """\
+[project]
+name = "oorc-receiver"
+version = "{version}"
+description = "Read messages that a display hides in its picture, from camera frames"
+readme = "README.md"
+license = "Apache-2.0"
+license-files = ["LICENSE"]
+requires-python = "{python}"
+dependencies = {requires}
 
-{description}"""
-"""Content of the wheel's file METADATA, with names in place of what changes."""
-TAGS = "Wheel-Version: 1.0\nGenerator: web.package\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
-"""Content of the wheel's file WHEEL."""
+[tool.hatch.build.targets.wheel]
+packages = ["oorc_receiver"]
+"""
+"""The package's pyproject.toml, with names in place of what the checkout's own says."""
 
 
 def write_wheel(folder: Path) -> Path:
     """Write the wheel into a folder, which is made where it is missing.
 
+    The same checkout gives the same bytes, because hatchling builds reproducibly.
+
     Raises:
         InputError: the folder cannot be written.
     """
-    files = package_files()
-    info = f"{NAME}-{__version__}.dist-info"
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
-    requires = [f"Requires-Dist: {needed}" for needed in project["dependency-groups"]["receive"]]
-    files[f"{info}/METADATA"] = METADATA.format(
+    checkout = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+    project = PROJECT.format(
         version=__version__,
-        python=project["project"]["requires-python"],
-        requires="\n".join(requires),
-        description=(ROOT / "docs" / "embed.md").read_text("utf-8"),
-    ).encode()
-    files[f"{info}/WHEEL"] = TAGS.encode()
-    files[f"{info}/licenses/LICENSE"] = (ROOT / "LICENSE").read_bytes()
-    record = [f"{path},{_digest(data)},{len(data)}\n" for path, data in files.items()]
-    files[f"{info}/RECORD"] = "".join([*record, f"{info}/RECORD,,\n"]).encode()
-    packed = io.BytesIO()
-    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        python=checkout["project"]["requires-python"],
+        requires=json.dumps(checkout["dependency-groups"]["receive"]),
+    )
+    files = package_files() | {
+        "pyproject.toml": project.encode(),
+        "README.md": (ROOT / "docs" / "embed.md").read_bytes(),
+        "LICENSE": (ROOT / "LICENSE").read_bytes(),
+    }
+    with TemporaryDirectory() as tree:
         for path, data in files.items():
-            entry = zipfile.ZipInfo(path, BUILT)
-            entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
-            archive.writestr(entry, data)
-    wheel = folder / f"{NAME}-{__version__}-py3-none-any.whl"
-    write_bytes(wheel, packed.getvalue())
+            write_bytes(Path(tree, path), data)
+        (built,) = map(Path, WheelBuilder(tree).build(directory=f"{tree}/dist"))
+        wheel = folder / built.name
+        write_bytes(wheel, built.read_bytes())
     return wheel
 
 
@@ -134,9 +128,3 @@ def _file_of(module: str) -> Path:
     """The file of a module of the checkout; one that does not exist where there is no such."""
     path = ROOT / module.replace(".", "/")
     return path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
-
-
-def _digest(data: bytes) -> str:
-    """Checksum of a file as RECORD has it."""
-    digest = base64.urlsafe_b64encode(hashlib.sha256(data).digest())
-    return f"sha256={digest.decode().rstrip('=')}"
