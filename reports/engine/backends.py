@@ -4,21 +4,20 @@ A task that fails is reported, and the others go on.
 """
 
 import asyncio
-import socket
 import sys
 import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError
+from concurrent.futures import Executor, Future, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from typing import Any, Generic, TypeVar
-from urllib.parse import urlsplit
 
 import cv2
-from joblib import Parallel, delayed, parallel_config
+from joblib.externals.loky import get_reusable_executor
 from threadpoolctl import threadpool_limits
 
 from link.errors import InputError
@@ -29,7 +28,11 @@ R = TypeVar("R")
 BACKENDS = ("loky", "dask")
 """Names that ``--backend`` takes: processes of this machine, or workers of a Dask cluster."""
 CONNECT_S = 10
-"""Seconds to wait for the scheduler, for its first worker, and for another once all are gone."""
+"""Seconds to wait for the scheduler, and for its first worker."""
+IDLE_S = 300
+"""Seconds after which a process of this machine ends that got no further task."""
+ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL")}
+"""Variables of the environment of processes of this machine, before their first import."""
 
 
 @dataclass(frozen=True)
@@ -62,10 +65,6 @@ class Outcome(Generic[R]):
     """What the task returned; None where it failed."""
     failure: Failure | None = None
     """Why the task failed; None where it did not."""
-
-
-DIED = Failure("its process died, perhaps out of memory; the system's log may say more")
-"""Failure of a task whose process ended without an exception."""
 
 
 def make_backend(name: str, jobs: int, scheduler: str | None) -> Backend:
@@ -109,102 +108,82 @@ def run_tasks(task: Callable[[T], R], items: Sequence[T], backend: Backend) -> I
         InputError: Dask is not installed, or no scheduler or worker answers.
     """
     attempt = partial(_attempt, task)
-    if backend.scheduler is None:
-        yield from _in_processes(attempt, items, backend.jobs)
-    else:
-        yield from _on_cluster(attempt, items, backend.scheduler)
+    if backend.scheduler is None and backend.jobs == 1:
+        yield from map(attempt, range(len(items)), items)
+        return
+    lost = []
+    for index, future in _finished(attempt, items, range(len(items)), backend):
+        if future.exception() is None:
+            yield future.result()
+        else:
+            lost.append(index)
+    for index in lost:  # each alone, since a process that dies takes others with it
+        for _, future in _finished(attempt, items, [index], backend):
+            error = future.exception()
+            yield Outcome(index, failure=_failure(error)) if error else future.result()
 
 
 def _attempt(task: Callable[[T], R], index: int, item: T) -> Outcome[R]:
     """Run one task; what it raises becomes a `Failure`."""
     try:
         return Outcome(index, result=task(item))
-    except InputError as error:
-        return Outcome(index, failure=Failure(str(error), traceback.format_exc()))
     except Exception as error:
-        reason = " ".join(f"{type(error).__name__}: {error}".split())
-        return Outcome(index, failure=Failure(reason, traceback.format_exc()))
+        return Outcome(index, failure=_failure(error))
 
 
-def _in_processes(
-    attempt: Callable[[int, T], Outcome[R]], items: Sequence[T], jobs: int
-) -> Iterator[Outcome[R]]:
-    """Run tasks in processes of this machine."""
-
-    def finished(indices: Sequence[int], jobs: int) -> Iterator[Outcome[R]]:
-        parallel = Parallel(
-            n_jobs=jobs, return_as="generator_unordered", batch_size=1, pre_dispatch="all"
-        )
-        try:
-            yield from parallel(delayed(attempt)(index, items[index]) for index in indices)
-        except BrokenProcessPool:  # one process died, and all tasks under way are lost with it
-            return
-
-    threading.excepthook = _report_thread
-    waiting = set(range(len(items)))
-    with parallel_config("loky", inner_max_num_threads=1):
-        for outcome in finished(range(len(items)), jobs):
-            waiting.remove(outcome.index)
-            yield outcome
-        for index in sorted(waiting):  # each alone, in a process that is not this one
-            yield next(finished([index], 2), Outcome(index, failure=DIED))
+def _failure(error: BaseException) -> Failure:
+    """An exception as text; an `InputError` says all in its own line."""
+    name = "" if isinstance(error, InputError) else f"{type(error).__name__}: "
+    return Failure(" ".join(f"{name}{error}".split()), "".join(traceback.format_exception(error)))
 
 
-def _report_thread(failed: threading.ExceptHookArgs) -> None:
-    """Print what ended a thread, except that loky's misses a task which an interrupt dropped."""
-    name = failed.thread.name if failed.thread else ""
-    if (failed.exc_type, name) != (KeyError, "ExecutorManagerThread"):
-        threading.__excepthook__(failed)
+def _finished(
+    attempt: Callable[[int, T], Outcome[R]],
+    items: Sequence[T],
+    indices: Sequence[int],
+    backend: Backend,
+) -> Iterator[tuple[int, "Future[Outcome[R]]"]]:
+    """Run tasks in other processes; each is given back when it is done.
 
-
-def _on_cluster(
-    attempt: Callable[[int, T], Outcome[R]], items: Sequence[T], scheduler: str
-) -> Iterator[Outcome[R]]:
-    """Run tasks on the workers of a Dask cluster."""
-    with _connect(scheduler) as client:
-
-        def finished(indices: Sequence[int]) -> Iterator[tuple[int, Outcome[R] | None]]:
-            futures = {client.submit(attempt, i, items[i], pure=False): i for i in indices}
-            return _finished_on_cluster(client, futures)
-
-        lost: list[int] = []
-        for index, outcome in finished(range(len(items))):
-            if outcome is None:
-                lost.append(index)
-            else:
-                yield outcome
-        for index in sorted(lost):  # alone: others that waited on a worker that died are blamed too
-            for _, outcome in finished([index]):
-                yield outcome or Outcome(index, failure=DIED)
-
-
-def _finished_on_cluster(
-    client: Any, futures: dict[Any, int]
-) -> Iterator[tuple[int, Outcome[R] | None]]:
-    """Wait for tasks on a cluster; None in place of an outcome says that workers died of the task.
+    A future has an exception only where the task's process died, or could not be given the task:
+    what the task itself raises is in its outcome.
 
     Raises:
-        InputError: the scheduler is gone, or no worker is left for `CONNECT_S` seconds.
+        InputError: the connection to the scheduler is lost.
     """
-    distributed = import_module("distributed")
-    while futures:
-        try:
-            with client.as_current():
-                distributed.wait(list(futures), CONNECT_S, return_when="FIRST_COMPLETED")
-            for future in [future for future in futures if future.done()]:
-                try:
-                    outcome = future.result(CONNECT_S)  # a task's own exception is in its outcome
-                except distributed.KilledWorker:
-                    outcome = None
-                yield futures.pop(future), outcome
-        except TimeoutError:  # tasks take their time, or a result is made again with its worker
-            if not client.scheduler_info()["workers"]:
+    with _executor(backend) as executor:
+        futures: dict[Future[Outcome[R]], int] = {}
+        for index in indices:
+            try:
+                future = executor.submit(attempt, index, items[index])
+            except BrokenProcessPool as error:  # an earlier task's process has died already
+                future = Future()
+                future.set_exception(error)
+            futures[future] = index
+        for future in as_completed(list(futures)):
+            if future.cancelled():
                 raise InputError(
-                    f"--scheduler: no worker is left for {CONNECT_S} s; start `dask worker` and "
-                    "run the command again, which goes on where it stopped"
-                ) from None
-        except CancelledError as error:
-            raise InputError(f"--scheduler: the connection is lost ({error})") from None
+                    "--scheduler: the connection is lost; run the command again, which goes on "
+                    "where it stopped"
+                )
+            yield futures.pop(future), future
+
+
+@contextmanager
+def _executor(backend: Backend) -> Iterator[Executor]:
+    """Processes of this machine, which later calls use again, or the workers of a cluster."""
+    if backend.scheduler is not None:
+        with _connect(backend.scheduler) as client:
+            yield client.get_executor(pure=False)
+        return
+    executor = get_reusable_executor(backend.jobs, timeout=IDLE_S, env=ONE_THREAD)
+    try:
+        yield executor
+    except BaseException:
+        report, threading.excepthook = threading.excepthook, lambda _: None
+        executor.shutdown(kill_workers=True)  # its thread ends in a KeyError of tasks that waited
+        threading.excepthook = report
+        raise
 
 
 def _connect(scheduler: str) -> Any:
@@ -215,11 +194,14 @@ def _connect(scheduler: str) -> Any:
         raise InputError(
             "--backend dask: the package distributed is missing; pip install -e '.[dask]'"
         ) from None
-    _check_address(scheduler)
     try:
+        asyncio.run(_shake_hands(scheduler))  # a client alone waits for ever on what is silent
         client = distributed.Client(scheduler, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
-        raise InputError(f"--scheduler: no Dask scheduler at {scheduler} ({error})") from None
+        raise InputError(
+            f"--scheduler: no Dask scheduler at {scheduler!r:.100}; need an address such as "
+            f"tcp://host:8786 ({str(error) or 'what listens there does not answer as one'})"
+        ) from None
     try:
         client.wait_for_workers(1, timeout=CONNECT_S)
     except TimeoutError:
@@ -230,27 +212,8 @@ def _connect(scheduler: str) -> Any:
     return client
 
 
-def _check_address(scheduler: str) -> None:
-    """Raise an `InputError` at once where no scheduler listens; a client would try for long."""
-    try:
-        parts = urlsplit(scheduler if "://" in scheduler else f"tcp://{scheduler}")
-        host, port = parts.hostname, parts.port
-    except ValueError:
-        host = port = None
-    if not host or not port or parts.scheme not in ("tcp", "tls") or parts.path not in ("", "/"):
-        raise InputError(
-            f"--scheduler: need an address such as tcp://host:8786, got {scheduler!r:.100}"
-        )
-    try:
-        socket.create_connection((host, port), CONNECT_S).close()
-        asyncio.run(_shake_hands(f"{parts.scheme}://{host}:{port}"))
-    except (OSError, UnicodeError) as error:  # a name that no DNS takes is a UnicodeError
-        reason = str(error) or "what listens there does not answer as one"
-        raise InputError(f"--scheduler: no Dask scheduler at {scheduler} ({reason})") from None
-
-
 async def _shake_hands(address: str) -> None:
-    """Raise an `OSError` where something listens that is no Dask scheduler."""
+    """Raise an `OSError` where no scheduler answers, and a `ValueError` where none can be."""
     connect = import_module("distributed.comm").connect
     comm = await asyncio.wait_for(connect(address, timeout=CONNECT_S), CONNECT_S)
     await comm.close()

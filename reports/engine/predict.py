@@ -23,7 +23,7 @@ from link.errors import InputError, UnsuitedError, each_once
 from link.files.lock import locked
 from link.images import write_bytes
 from link.layout import Layout
-from reports.engine.backends import DIED, Backend, one_thread, run_tasks
+from reports.engine.backends import Backend, one_thread, run_tasks
 from reports.engine.digest import code_digest, file_digest, outside_digest, package_versions
 from reports.engine.methods import Method
 from reports.engine.records import read_sealed, seal_lines, to_line, to_records
@@ -176,12 +176,11 @@ def _decode_missing(
         for outcome in run_tasks(decode_cell, tasks, backend):
             task = tasks[outcome.index]
             trace = folder / "failed" / _trace_name(task)
-            if outcome.result is None:
-                failure = outcome.failure or DIED
-                write_bytes(trace, failure.trace.encode())
-                failed[task.condition.name, task.cell] = f"{failure.reason} ({trace})"
+            if outcome.failure is not None:
+                write_bytes(trace, outcome.failure.trace.encode())
+                failed[task.condition.name, task.cell] = f"{outcome.failure.reason} ({trace})"
             else:
-                for method, lines in zip(task.methods, outcome.result, strict=True):
+                for method, lines in zip(task.methods, outcome.result or (), strict=True):
                     write_bytes(file_of(task.condition, task.cell, method), seal_lines(lines))
                     found[task.condition.name, task.cell, method.label] = lines
                 trace.unlink(missing_ok=True)
