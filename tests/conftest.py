@@ -75,11 +75,25 @@ def cases(*rows: Any, ids: Any = None) -> Callable[..., Any]:
     return run_with_each
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with what takes longest, so that no worker is left with it at the end.
+CORE = tuple(
+    f"tests/{name}" for name in ("models/", "data_gen/", "reports/", "commands/test_train")
+)
+"""Where the tests lie of what research changes: decoders, simulation, training and comparison."""
 
-    These are the commands of the README, exports, and what waits for the trained decoder.
+
+@pytest.hookimpl(tryfirst=True)  # before pytest selects by markers
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark tests by what they need and where they lie, and begin with what takes longest.
+
+    So no worker is left with that at the end: the commands of the README, exports, and what waits
+    for the trained decoder.
     """
+    for item in items:
+        fixtures = getattr(item, "fixturenames", ())
+        if {"node", "chromium"} & set(fixtures):
+            item.add_marker("page")
+        elif item.nodeid.startswith(CORE) and not item.get_closest_marker("slow"):
+            item.add_marker("core")
     long = ("commands_of_the_readme", "exported_graph", "test_train", "trained")
     items.sort(key=lambda item: not any(name in item.nodeid for name in long))
 
