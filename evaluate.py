@@ -21,7 +21,7 @@ from link.cli import check_flags, run_cli
 from link.errors import InputError, at_least, choose, each_once
 from link.files.lock import locked
 from models import DECODERS
-from reports.engine.backends import make_backend
+from reports.engine.backends import Backend, make_backend
 from reports.engine.methods import Method, methods_for, suited_methods
 from reports.engine.predict import Condition, paper_cells, predict
 from reports.engine.protocols import PROTOCOLS, apply_protocol
@@ -34,7 +34,7 @@ from reports.evaluation.sweeps import SWEEPS
 from reports.evaluation.versus import compare_runs
 from reports.render.annotated import write_annotated
 from reports.render.tables import cell_tables, summary_table
-from reports.run import RunFolder
+from reports.run import PREDICTIONS, RunFolder
 from reports.score.accuracy import score
 
 
@@ -98,9 +98,9 @@ def main() -> None:
         print(f"{text}\n\nwritten: {page}")
         return
     config = replace(config, pairs=pair_names(config.pairs))
-    check(config)
     if config.quick:
         config = replace(config, frames=min(config.frames, QUICK.frames))
+    comparison, backend = checked_flags(config)
     methods = apply_protocol(config.protocol, methods_for(config.methods, config.run))
     layouts = read_layouts(config.captures) if config.captures else [config.layout()]
     folder = RunFolder(config.out)
@@ -108,7 +108,7 @@ def main() -> None:
         folder.claim(decisive_settings(config, methods, layouts))
         failed = []
         if config.captures is None:
-            failed = evaluate_simulated(config, methods, folder)
+            failed = evaluate_simulated(config, comparison, methods, folder, backend)
         else:
             evaluate_folder(config.captures, methods, folder, config.seed, config.html)
         if config.html:
@@ -125,15 +125,18 @@ def main() -> None:
 
 
 def evaluate_simulated(
-    config: EvaluateConfig, methods: list[Method], folder: RunFolder
+    config: EvaluateConfig,
+    comparison: Condition,
+    methods: list[Method],
+    folder: RunFolder,
+    backend: Backend,
 ) -> list[str]:
     """Compare on simulated captures; return a line for each cell that failed."""
-    comparison, clock = comparison_of(config), Stopwatch()
-    backend = make_backend(config.backend, config.jobs, config.scheduler)
+    clock = Stopwatch()
     methods, left_out = suited_methods(methods, comparison.source.layout)
     print(*left_out, sep="\n", end="\n" * bool(left_out))
     with clock.time("decoding"):
-        predicted = predict([comparison], methods, config.out, backend)
+        predicted = predict([comparison], methods, config.out / PREDICTIONS, backend)
     failed = predicted.failed
     meta = {**provenance(config.seed, simulated=True), "failed_cells": failed}
     scores = score(predicted.records)
@@ -158,30 +161,25 @@ def evaluate_simulated(
     return failed
 
 
-def check(config: EvaluateConfig) -> None:
-    """Refuse wrong flags before any work."""
+def checked_flags(config: EvaluateConfig) -> tuple[Condition, Backend]:
+    """Return the main comparison and where it runs, or refuse wrong flags before any work."""
     at_least(1, frames=config.frames, jobs=config.jobs)
     each_once(methods=config.methods)
     for name in config.sweeps or ():
         choose(SWEEPS, name, "sweep")
-    make_backend(config.backend, config.jobs, config.scheduler)
-    source = comparison_of(config).source
+    choose(PROTOCOLS, config.protocol, "protocol")
+    backend = make_backend(config.backend, config.jobs, config.scheduler)
+    source = config.source()
+    for pair in config.pairs:
+        source.pair(pair)
+    cells = paper_cells(config.pairs, config.views, config.kappas)
     if config.pictures is not None and config.captures is None:
         shuffled_pictures(source)
     if config.captures is not None and config.layout() != EvaluateConfig().layout():
         raise InputError("--captures: has layouts of its own; leave out the flags of the layout")
     if config.show is not None and config.captures is None:
         raise InputError("--show: draws captures, so it needs --captures")
-
-
-def comparison_of(config: EvaluateConfig) -> Condition:
-    """Return the main comparison that the flags describe, or raise an `InputError`."""
-    choose(PROTOCOLS, config.protocol, "protocol")
-    source = config.source()
-    for pair in config.pairs:
-        source.pair(pair)
-    cells = paper_cells(config.pairs, config.views, config.kappas)
-    return Condition("", source, cells, config.frames)
+    return Condition("", source, cells, config.frames), backend
 
 
 if __name__ == "__main__":

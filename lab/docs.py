@@ -32,6 +32,7 @@ from reports.engine.predict import Condition, paper_cells, predict_all
 from reports.engine.provenance import provenance
 from reports.render.figures import overview, plot_inverse_responses
 from reports.render.tables import replace_block
+from reports.run import PREDICTIONS
 from reports.score.accuracy import score, write_scores
 
 METRICS = DOCS / "metrics.json"
@@ -117,7 +118,8 @@ def measure_table(config: ReadmeConfig) -> None:
     methods = methods_for(tuple(DECODERS), config.checkpoint)
     methods.insert(tuple(DECODERS).index("learned"), UNTRAINED)
     condition = Condition("", source, paper_cells(tuple(PAIRS)), config.frames)
-    records = predict_all([condition], methods, Path("runs/readme"), Backend(config.jobs))
+    file = Path("runs/readme") / PREDICTIONS
+    records = predict_all([condition], methods, file, Backend(config.jobs))
     write_scores(METRICS, score(records), provenance(config.seed, simulated=True))
     draw_pictures(source, config.checkpoint)
 

@@ -111,7 +111,8 @@ class Workshop:
         Raises:
             InputError: a cell failed; the others are kept.
         """
-        return predict_all(conditions, methods, self.out, self.backend)
+        name = f"predictions_{short_digest(repr((conditions, methods)))}.jsonl"
+        return predict_all(conditions, methods, self.out / name, self.backend)
 
 
 @dataclass(frozen=True)

@@ -3,9 +3,9 @@
 | file | content |
 |---|---|
 | config.json | the settings that decide the result; written first |
-| cells/ | predictions as they are made (`reports.engine.predict`) |
 | predictions.jsonl, metrics.json, metrics.csv, tables.md | the main comparison |
 | sweeps.json, sweeps.jsonl | what was swept, and the predictions there |
+| *.jsonl.part | predictions of a run that is under way or was cut off (`reports.engine.predict`) |
 | stories.json, stories/ | single frame pairs as pictures |
 | response.json, cost.json | inverse responses that methods find, and their time |
 | run.json | command, versions, machine; its presence marks a finished run |
@@ -28,7 +28,7 @@ from link.images import make_folder, write_bytes
 from link.outside import inside, is_file, parse_json, read_json
 from reports.engine.checked import Count, Number, checked
 from reports.engine.provenance import Machine, Making, commit, machine
-from reports.engine.records import read_predictions, to_lines, write_lines
+from reports.engine.records import read_predictions
 from reports.score.accuracy import read_scores, score, to_score_rows, write_scores
 
 T = TypeVar("T")
@@ -38,6 +38,8 @@ MAX_PICTURE_BYTES = 64 * 2**20
 """Largest size, in bytes, of a picture of a stored run that the report shows."""
 REPORT = "report.html"
 """Name of the page of a run."""
+PREDICTIONS, SWEPT = "predictions.jsonl", "sweeps.jsonl"
+"""Names of the files of the predictions of the main comparison, and of the sweeps."""
 CONFIG = "config.json"
 """Name of the file in a run's folder that holds its settings; it is written first."""
 
@@ -283,23 +285,21 @@ class RunFolder:
         self.settings = json.loads(json.dumps(settings, default=str))
 
     def write_comparison(self, records: pd.DataFrame, meta: dict[str, Any], tables: str) -> None:
-        """Write the main comparison: predictions.jsonl, metrics.json, its rows as CSV, tables.md.
+        """Score the main comparison: metrics.json, its rows as CSV, tables.md.
 
         Args:
-            records: predictions.
+            records: predictions, which lie in the folder already.
             meta: what `reports.engine.provenance.provenance` says.
             tables: Markdown.
         """
-        write_bytes(self.path / "predictions.jsonl", write_lines(to_lines(records)))
         scores = score(records)
         write_scores(self.path / "metrics.json", scores, meta)
         rows = pd.DataFrame([asdict(row) for row in to_score_rows(scores)])
         write_bytes(self.path / "metrics.csv", rows.to_csv(index=False).encode())
         write_bytes(self.path / "tables.md", f"{tables}\n".encode())
 
-    def write_sweeps(self, sweeps: Sequence[SweepCurve], records: pd.DataFrame) -> None:
-        """Write what was swept, and the predictions there."""
-        write_bytes(self.path / "sweeps.jsonl", write_lines(to_lines(records)))
+    def write_sweeps(self, sweeps: Sequence[SweepCurve]) -> None:
+        """Write sweeps.json; the predictions lie in the folder already."""
         self._write("sweeps.json", [asdict(sweep) for sweep in sweeps])
 
     def write_stories(self, stories: Sequence[Story]) -> None:
@@ -341,19 +341,19 @@ class RunFolder:
         Raises:
             InputError: it is not there, not finished, or damaged.
         """
-        if not all(is_file(self.path / name) for name in ("run.json", "predictions.jsonl")):
+        if not all(is_file(self.path / name) for name in ("run.json", PREDICTIONS)):
             raise InputError(
                 f"{self.path}: holds no finished run; first python evaluate.py --out {self.path}"
             )
         try:
-            records = read_predictions(self.path / "predictions.jsonl")
+            records = read_predictions(self.path / PREDICTIONS)
             run = Run(
                 folder=self.path,
                 about=self._read("run.json", About),
                 records=records,
                 scores=score(records),
-                swept=read_predictions(self.path / "sweeps.jsonl")
-                if is_file(self.path / "sweeps.jsonl")
+                swept=read_predictions(self.path / SWEPT)
+                if is_file(self.path / SWEPT)
                 else records[:0],
                 sweeps=self._read_list("sweeps.json", SweepCurve),
                 stories=self._read_list("stories.json", Story),

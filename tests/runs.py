@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from link.images import write_image
-from reports.engine.records import to_records
-from reports.run import Cost, Response, RunFolder, Story, SweepCurve, SweepPoint
+from reports.engine.records import to_records, write_predictions
+from reports.run import PREDICTIONS, SWEPT, Cost, Response, RunFolder, Story, SweepCurve, SweepPoint
 
 META = {"simulated": True, "seed": 0, "command": "python evaluate.py"}
 
@@ -25,18 +25,19 @@ def write_run(path: Path) -> None:
     """A finished run that has every file, each as small as it may be."""
     run = RunFolder(path)
     run.claim({"seed": 0, "ratex": 5, "checkpoints": {"learned": "0123456789abcdef"}})
-    main = to_records([prediction(m, i) for m in ("naive", "oorc", "learned") for i in range(5)])
-    run.write_comparison(main, META, "tables")
+    main = [prediction(m, i) for m in ("naive", "oorc", "learned") for i in range(5)]
+    write_predictions(path / PREDICTIONS, main)
+    run.write_comparison(to_records(main), META, "tables")
     conditions = ("kappa 1", "kappa 2", "jpeg")
     swept = [prediction(m, 0, condition) for condition in conditions for m in ("oorc", "learned")]
+    write_predictions(path / SWEPT, swept)
     run.write_sweeps(
         [
             SweepCurve("kappa", "κ", "κ", "", True, 1.0, "κ {}",
                        [SweepPoint(1.0, "kappa 1"), SweepPoint(2.0, "kappa 2")]),
             SweepCurve("jpeg", "JPEG", "quality", "", False, 1.0, "JPEG {}",
                        [SweepPoint(50.0, "jpeg")]),
-        ],
-        to_records(swept),
+        ]
     )  # fmt: skip
     write_image(path / "stories" / "a.jpg", np.zeros((20, 20, 3), np.uint8))
     shown = [("stories/a.jpg", "caption")]

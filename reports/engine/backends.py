@@ -14,16 +14,16 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 import cv2
 from joblib.externals.loky import get_reusable_executor
 from threadpoolctl import threadpool_limits
+from tqdm import tqdm
 
 from link.errors import InputError
 
 T = TypeVar("T")
-R = TypeVar("R")
 
 BACKENDS = ("loky", "dask")
 """Names that ``--backend`` takes: processes of this machine, or workers of a Dask cluster."""
@@ -56,12 +56,12 @@ class Failure:
 
 
 @dataclass(frozen=True)
-class Outcome(Generic[R]):
+class Outcome:
     """What became of the task number ``index``: its result, or its failure."""
 
     index: int
     """Number of the task among those that were given."""
-    result: R | None = None
+    result: Any = None
     """What the task returned; None where it failed."""
     failure: Failure | None = None
     """Why the task failed; None where it did not."""
@@ -95,7 +95,9 @@ def one_thread() -> None:
         sys.modules["torch"].set_num_threads(1)
 
 
-def run_tasks(task: Callable[[T], R], items: Sequence[T], backend: Backend) -> Iterator[Outcome[R]]:
+def run_tasks(
+    task: Callable[[T], Any], items: Sequence[T], backend: Backend, title: str = "", done: int = 0
+) -> Iterator[Outcome]:
     """``task(item)`` for each item, in parallel, in the order in which they finish.
 
     Args:
@@ -103,11 +105,23 @@ def run_tasks(task: Callable[[T], R], items: Sequence[T], backend: Backend) -> I
             so does the death of its process.
         items: one a task.
         backend: where they run.
+        title: words before a progress bar; empty for none.
+        done: number of items that were finished earlier, for the progress bar alone.
 
     Raises:
         InputError: Dask is not installed, or no scheduler or worker answers.
     """
-    attempt = partial(_attempt, task)
+    total = done + len(items)
+    with tqdm(total=total, initial=done, desc=title, disable=not (title and total)) as bar:
+        for outcome in _outcomes(partial(_attempt, task), items, backend):
+            yield outcome
+            bar.update()
+
+
+def _outcomes(
+    attempt: Callable[[int, T], Outcome], items: Sequence[T], backend: Backend
+) -> Iterator[Outcome]:
+    """Run tasks in this process or in others, those that were lost with another one once more."""
     if backend.scheduler is None and backend.jobs == 1:
         yield from map(attempt, range(len(items)), items)
         return
@@ -123,7 +137,7 @@ def run_tasks(task: Callable[[T], R], items: Sequence[T], backend: Backend) -> I
             yield Outcome(index, failure=_failure(error)) if error else future.result()
 
 
-def _attempt(task: Callable[[T], R], index: int, item: T) -> Outcome[R]:
+def _attempt(task: Callable[[T], Any], index: int, item: T) -> Outcome:
     """Run one task; what it raises becomes a `Failure`."""
     try:
         return Outcome(index, result=task(item))
@@ -138,11 +152,11 @@ def _failure(error: BaseException) -> Failure:
 
 
 def _finished(
-    attempt: Callable[[int, T], Outcome[R]],
+    attempt: Callable[[int, T], Outcome],
     items: Sequence[T],
     indices: Sequence[int],
     backend: Backend,
-) -> Iterator[tuple[int, "Future[Outcome[R]]"]]:
+) -> Iterator[tuple[int, Future[Outcome]]]:
     """Run tasks in other processes; each is given back when it is done.
 
     A future has an exception only where the task's process died, or could not be given the task:
@@ -152,7 +166,7 @@ def _finished(
         InputError: the connection to the scheduler is lost.
     """
     with _executor(backend) as executor:
-        futures: dict[Future[Outcome[R]], int] = {}
+        futures: dict[Future[Outcome], int] = {}
         for index in indices:
             try:
                 future = executor.submit(attempt, index, items[index])

@@ -1,11 +1,12 @@
 """Content of stored files, checked against the types that their readers rely on.
 
-`write_json` stores results, and `checked` turns parsed JSON into dataclasses. `seal` and `unseal`
-tell a stored line that is as it was written from one that is damaged.
+`write_json` stores results, and `checked` turns parsed JSON into dataclasses. `seal` and
+`read_sealed` tell a stored line that is as it was written from one that is damaged.
 """
 
 import hashlib
 import json
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -14,6 +15,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from link.errors import InputError
 from link.images import write_bytes
+from link.outside import MAX_LINES_BYTES, is_file, parse_json, read_bounded
 
 T = TypeVar("T")
 Count = Annotated[int, Field(ge=0, le=2**53)]
@@ -88,6 +90,20 @@ def unseal(line: Any) -> dict[str, Any] | None:
         return None
     content = {key: value for key, value in line.items() if key != DIGEST}
     return content if line.get(DIGEST) == _digest(content) else None
+
+
+def read_sealed(file: Path) -> list[dict[str, Any]]:
+    """Read the lines of a file that are as `seal` wrote them.
+
+    Damaged lines, and one that was cut off by a kill, are left out; so is all of a missing file.
+    """
+    if not is_file(file):
+        return []
+    found = []
+    for line in read_bounded(file, MAX_LINES_BYTES).split(b"\n"):
+        with suppress(InputError):
+            found.append(unseal(parse_json(line, str(file))))
+    return [line for line in found if line is not None]
 
 
 def _digest(line: dict[str, Any]) -> str:

@@ -1,13 +1,13 @@
-"""The one loop of every study: conditions x methods -> predictions, stored cell by cell.
+"""The one way of every study: conditions -> cells -> records.
 
-Each cell of each method is one file, named after all that decides what it holds (`fingerprint`).
-A run that was cut off goes on with the cells that are missing or damaged, and a method that is new
-or has changed costs no other method its results.
+A cell's observations are made and decoded in one place (`decode_cell`). Each prediction is stored
+once, as a line of JSON that bears the digest of all that decides it (`fingerprint`). So a run that
+was cut off goes on with what is missing or damaged, and a method that is new or has changed costs
+no other method its results.
 """
 
-import hashlib
 import platform
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,16 +21,34 @@ from link.captures import load_capture, read_manifest
 from link.embed import check_kappa
 from link.errors import InputError, UnsuitedError, each_once
 from link.files.lock import locked
+from link.frames import Rectified
 from link.images import write_bytes
 from link.layout import Layout
 from reports.engine.backends import Backend, one_thread, run_tasks
-from reports.engine.digest import code_digest, file_digest, outside_digest, package_versions
+from reports.engine.checked import seal
+from reports.engine.digest import (
+    code_digest,
+    file_digest,
+    outside_digest,
+    package_versions,
+    short_digest,
+)
 from reports.engine.methods import Method
-from reports.engine.records import read_sealed, seal_lines, to_line, to_records
+from reports.engine.records import (
+    Truth,
+    key_of,
+    stored_predictions,
+    to_line,
+    to_records,
+    truth_of,
+    write_predictions,
+)
 
-STORED_VERSION = 2
-"""Raise it when `decode_cell` changes what it stores, so that older files are not read again."""
+STORED_VERSION = 3
+"""Raise it when `decode_cell` changes what it returns, so that older results are not read again."""
 Line = dict[str, Any]
+Found = dict[tuple[Any, ...], Line]
+"""Predictions by what `key_of` says of each."""
 
 
 @dataclass(frozen=True)
@@ -52,20 +70,39 @@ class Predicted:
     """What a study decoded."""
 
     records: pd.DataFrame
-    """The table of predictions, with conditions, cells and frame pairs in the order given."""
+    """The table of predictions, with conditions, cells and observations in the order given."""
     failed: list[str]
     """One line for each cell that failed, with the file of its traceback."""
 
 
 @dataclass(frozen=True)
-class _Task:
-    """One cell, and the methods whose predictions of it are not stored yet."""
+class Task:
+    """A cell, and the methods that are to decode it."""
 
     condition: Condition
+    """Setting of the channel."""
     cell: Cell
+    """One of the condition's cells."""
     methods: tuple[Method, ...]
-    marks: tuple[str, ...]
-    """The methods' fingerprints on the machine that asks; empty where that machine decodes."""
+    """Methods with different labels."""
+    marks: Mapping[str, str]
+    """`fingerprint` of each method, by its label, on the machine that asks."""
+
+    def __str__(self) -> str:
+        cell, name = self.cell, self.condition.name
+        return f"{name + ', ' if name else ''}{cell.pair}, {cell.view_deg:g}°, kappa {cell.kappa}"
+
+    def key(self, method: Method, index: int) -> tuple[Any, ...]:
+        """What `key_of` says of the prediction of one observation."""
+        cell, label = self.cell, method.label
+        place = self.condition.name, label, cell.pair, cell.view_deg, cell.kappa, index
+        return *place, self.marks[label]
+
+    def without(self, found: Found) -> "Task":
+        """The task of the methods alone that lack a prediction."""
+        frames = range(self.condition.frames)
+        lack = [m for m in self.methods if any(self.key(m, i) not in found for i in frames)]
+        return replace(self, methods=tuple(lack))
 
 
 def paper_cells(
@@ -88,21 +125,19 @@ def paper_cells(
 
 
 def predict(
-    conditions: Sequence[Condition],
-    methods: Sequence[Method],
-    folder: Path,
-    backend: Backend,
+    conditions: Sequence[Condition], methods: Sequence[Method], file: Path, backend: Backend
 ) -> Predicted:
-    """Decode every cell of every condition with every method; a run that was cut off goes on.
+    """Decode every cell of every condition with every method, and store the predictions.
 
-    Files are written as cells are done, into ``folder``/cells. The result is the same from any
-    backend, and workers need not see ``folder``. Methods that are shown the same thing see the same
-    captures.
+    They are added to ``file``.part, cell by cell, from where a run goes on that was cut off. In the
+    end ``file`` holds them in order, and nothing else. The result is the same from any backend, and
+    workers need not see the file. Methods that are shown the same thing see the same captures.
 
     Args:
         conditions: conditions with different names.
         methods: methods with different labels.
-        folder: folder of the stored cells.
+        file: predictions, one line of JSON each. What it holds already is not decoded again, unless
+            something has changed that decides it.
         backend: where cells are decoded.
 
     Returns:
@@ -113,141 +148,139 @@ def predict(
         InputError: no cell could be decoded, the backend cannot be had, or another process writes
             the folder.
     """
-    with locked(folder):
-        found, failed = _decode_missing(conditions, methods, folder, backend)
-    total = sum(len(condition.cells) for condition in conditions)
-    if total and len(failed) == total:
-        raise InputError(next(iter(failed.values())))
-    ordered = sorted(methods, key=lambda method: method.card.equalised)
-    tables = []
+    ordered = tuple(sorted(methods, key=lambda method: method.card.equalised))
+    tasks = []
     for condition in conditions:
+        marks = {m.label: fingerprint(condition.source, condition.frames, m) for m in ordered}
+        tasks += [Task(condition, cell, ordered, marks) for cell in condition.cells]
+    part = file.with_name(f"{file.name}.part")
+    with locked(file.parent):
+        stored = [*stored_predictions(file), *stored_predictions(part)]
+        found = {key_of(line): line for line in stored}
+        failed = _decode_missing(tasks, found, part, backend)
+        whole = [task for task in tasks if str(task) not in failed]
         lines = [
-            line
-            for cell in condition.cells
-            if (condition.name, cell) not in failed
-            for line in _by_frame({m.label: found[condition.name, cell, m.label] for m in ordered})
+            found[task.key(method, index)]
+            for task in whole
+            for index in range(task.condition.frames)
+            for method in ordered
         ]
-        tables.append(to_records(lines, condition.name))
-    reports = [
-        f"{name + ', ' if name else ''}{cell.pair}, {cell.view_deg:g}°, kappa {cell.kappa}: {why}"
-        for (name, cell), why in failed.items()
-    ]
-    records = pd.concat(tables, ignore_index=True) if tables else to_records([])
-    return Predicted(records, sorted(reports))
+        if whole or not tasks:
+            write_predictions(file, lines)
+        part.unlink()
+    if failed and not whole:
+        raise InputError(next(iter(failed.values())))
+    return Predicted(to_records(lines), sorted(f"{task}: {why}" for task, why in failed.items()))
 
 
 def _decode_missing(
-    conditions: Sequence[Condition], methods: Sequence[Method], folder: Path, backend: Backend
-) -> tuple[dict[tuple[str, Cell, str], list[Line]], dict[tuple[str, Cell], str]]:
-    """Decode the cells that are not stored yet, or whose files are damaged, and store them.
+    tasks: Sequence[Task], found: Found, part: Path, backend: Backend
+) -> dict[str, str]:
+    """Decode what is not found yet, and add it to ``found`` and to the file ``part``.
 
     Returns:
-        predictions by the condition's name, the cell and the method's label; and for each cell that
-        failed the reason, with the file of its traceback.
+        for each task that failed the reason, with the file of its traceback.
     """
-    marks = {
-        (condition.name, method.label): fingerprint(condition.source, condition.frames, method)
-        for condition in conditions
-        for method in methods
-    }
-
-    def file_of(condition: Condition, cell: Cell, method: Method) -> Path:
-        mark = marks[condition.name, method.label][:16]
-        return folder / "cells" / mark / f"{cell.pair}_{cell.view_deg:g}_{cell.kappa}.jsonl"
-
-    found: dict[tuple[str, Cell, str], list[Line]] = {}
-    tasks = []
-    for condition in conditions:
-        for cell in condition.cells:
-            for method in methods:
-                stored = _stored(file_of(condition, cell, method), condition, cell, method)
-                if stored is not None:
-                    found[condition.name, cell, method.label] = stored
-            missing = tuple(m for m in methods if (condition.name, cell, m.label) not in found)
-            if missing:
-                own = tuple(marks[condition.name, m.label] for m in missing)
-                tasks.append(_Task(condition, cell, missing, own if backend.scheduler else ()))
-    total = sum(len(condition.cells) for condition in conditions)
-    failed: dict[tuple[str, Cell], str] = {}
-    bar = tqdm(
-        total=total, initial=total - len(tasks), unit="cell", desc="decode", disable=not total
-    )
-    with bar as progress:  # an error begins a new line
-        for outcome in run_tasks(decode_cell, tasks, backend):
-            task = tasks[outcome.index]
-            trace = folder / "failed" / _trace_name(task)
+    missing = [lack for task in tasks if (lack := task.without(found)).methods]
+    run = decode_cell if backend.scheduler is None else decode_cell_elsewhere
+    done, failed = len(tasks) - len(missing), {}
+    with part.open("a", encoding="utf-8") as stream:
+        for outcome in run_tasks(run, missing, backend, "decode", done):
+            task = str(missing[outcome.index])
+            trace = part.parent / "failed" / f"{task.replace('/', '_')}.txt"
             if outcome.failure is not None:
                 write_bytes(trace, outcome.failure.trace.encode())
-                failed[task.condition.name, task.cell] = f"{outcome.failure.reason} ({trace})"
-            else:
-                for method, lines in zip(task.methods, outcome.result or (), strict=True):
-                    write_bytes(file_of(task.condition, task.cell, method), seal_lines(lines))
-                    found[task.condition.name, task.cell, method.label] = lines
-                trace.unlink(missing_ok=True)
-            progress.update()
-    return found, failed
+                failed[task] = f"{outcome.failure.reason} ({trace})"
+                continue
+            for line in outcome.result:
+                found[key_of(line)] = line
+                stream.write(seal(line))
+            stream.flush()
+            trace.unlink(missing_ok=True)
+    return failed
 
 
 def predict_all(
-    conditions: Sequence[Condition], methods: Sequence[Method], folder: Path, backend: Backend
+    conditions: Sequence[Condition], methods: Sequence[Method], file: Path, backend: Backend
 ) -> pd.DataFrame:
     """`predict` for studies that need every cell.
 
     Raises:
         InputError: a cell failed; the others are stored.
     """
-    predicted = predict(conditions, methods, folder, backend)
+    predicted = predict(conditions, methods, file, backend)
     if predicted.failed:
         total = sum(len(condition.cells) for condition in conditions)
         raise InputError(f"{len(predicted.failed)} of {total} cells failed: {predicted.failed[0]}")
     return predicted.records
 
 
-def decode_cell(task: _Task) -> list[list[Line]]:
-    """Simulate a cell's frame pairs and decode each with the methods, in this process.
+def decode_cell(task: Task) -> list[Line]:
+    """Make a cell's observations and decode each with the methods, in this process.
 
     Returns:
-        for each method its predictions, one a frame pair.
+        a prediction for each observation and method.
 
     Raises:
-        InputError: this machine differs from the one that asks, or a method does not suit.
+        InputError: a method does not suit.
     """
-    source, frames = task.condition.source, task.condition.frames
-    for method, mark in zip(task.methods, task.marks, strict=False):
-        if fingerprint(source, frames, method) != mark:
+    condition, lines = task.condition, []
+    decoders = {method: method.build() for method in task.methods}
+    one_thread()
+    for index in range(condition.frames):
+        for equalised in {method.card.equalised for method in decoders}:
+            seen, truth = observe(condition.source, task.cell, index, equalised)
+            for method, decoder in decoders.items():
+                if method.card.equalised != equalised:
+                    continue
+                try:
+                    line = to_line(method.label, index, decoder.decode(seen), truth)
+                except UnsuitedError as error:
+                    raise InputError(f"method {method.label}: {error}") from None
+                lines.append(line | {"condition": condition.name, "mark": task.marks[method.label]})
+    return lines
+
+
+def decode_cell_elsewhere(task: Task) -> list[Line]:
+    """`decode_cell` on a machine that must first be found to be like the one that asks."""
+    for method in task.methods:
+        own = fingerprint(task.condition.source, task.condition.frames, method)
+        if own != task.marks[method.label]:
             raise InputError(
                 f"worker {platform.node()} has other code, packages, checkpoints or pictures at "
                 "these paths than this machine; install the same there and restart its worker"
             )
-    decoders = [method.build() for method in task.methods]
-    one_thread()
-    lines: list[list[Line]] = [[] for _ in task.methods]
-    for index in range(frames):
-        for equalised in {method.card.equalised for method in task.methods}:
-            pair = FramePair(source, task.cell, index, equalised)
-            for method, decoder, mine in zip(task.methods, decoders, lines, strict=True):
-                if method.card.equalised != equalised:
-                    continue
-                try:
-                    soft = decoder.decode(pair.rectified)
-                    mine.append(to_line(method.label, index, soft, pair.captured))
-                except UnsuitedError as error:
-                    raise InputError(f"method {method.label}: {error}") from None
-    return lines
+    return decode_cell(task)
+
+
+def observe(source: Source, cell: Cell, index: int, equalised: bool) -> tuple[Rectified, Truth]:
+    """Make one observation as decoders take it, and what is known of it.
+
+    Args:
+        source: pictures, seed, and the channel.
+        cell: pair, view and kappa.
+        index: number of the observation in its cell.
+        equalised: whether equalised pictures without ratex patches are shown.
+    """
+    pair = FramePair(source, cell, index, equalised)
+    return pair.rectified, truth_of(pair.captured)
 
 
 def fingerprint(source: Source, frames: int, method: Method) -> str:
-    """SHA-256 of all that decides what a method's file of a cell holds, processors apart."""
+    """First digits of the SHA-256 of all that decides a method's predictions of a cell.
+
+    Processors are left out, and so are the names of the method and of the condition.
+    """
+    module = method.card.target.partition(":")[0]
     options = [option for option in method.options if option[0] != "checkpoint"]
-    parts = [
+    return short_digest(
         repr((STORED_VERSION, source, frames, method.name, options)),
-        code_digest("data_gen.frame_pair", method.card.target.partition(":")[0]),
-        outside_digest(method.card.target.partition(":")[0]),
+        code_digest(type(source).__module__, module),
+        outside_digest(module),
         checkpoint_digest(method, source.layout),
         file_digest(sorted(source.pictures.glob("*")) if source.pictures else []),
         *package_versions(),
-    ]
-    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+    )
 
 
 def checkpoint_digest(method: Method, *layouts: Layout) -> str:
@@ -258,8 +291,15 @@ def checkpoint_digest(method: Method, *layouts: Layout) -> str:
     return file_digest(files) if files else ""
 
 
-def decode_captures(captures: Path, methods: Sequence[Method]) -> tuple[pd.DataFrame, list[str]]:
-    """Decode a folder of captures.
+def decode_captures(
+    captures: Path, methods: Sequence[Method], file: Path
+) -> tuple[pd.DataFrame, list[str]]:
+    """Decode a folder of captures, and store the predictions.
+
+    Args:
+        captures: folder with a manifest.
+        methods: methods with different labels.
+        file: takes the predictions.
 
     Returns:
         the table of predictions, and a line for each method that was left out or does not suit.
@@ -274,41 +314,16 @@ def decode_captures(captures: Path, methods: Sequence[Method]) -> tuple[pd.DataF
     decoders = {m.label: m.build() for m in methods}
     for index, entry in enumerate(tqdm(entries, unit="pair", desc="decode")):
         captured = load_capture(captures, entry)
-        pair = captured.rectified()
-        if pair.layout.ratex and not captured.meta.get("equalised"):
+        seen, truth = captured.rectified(), truth_of(captured)
+        if captured.layout.ratex and not captured.meta.get("equalised"):
             notes["hidden_ratex"] = "hidden_ratex: these pictures were not equalised for it"
         for name, decoder in decoders.items():
             try:
-                lines.append(to_line(name, index, decoder.decode(pair), captured))
+                lines.append(to_line(name, index, decoder.decode(seen), truth))
             except UnsuitedError as error:
                 left_out[name] = left_out.get(name, 0) + 1
                 notes[name] = f"{name}: left out of {left_out[name]} of {len(entries)}, {error}"
     if not lines:
         raise InputError(f"{captures}: no method fits; {'; '.join(notes.values())}")
+    write_predictions(file, lines)
     return to_records(lines), [note for name, note in notes.items() if name in decoders]
-
-
-def _stored(file: Path, condition: Condition, cell: Cell, method: Method) -> list[Line] | None:
-    """A method's stored predictions of a cell; None where they are missing or damaged."""
-    lines = read_sealed(file)
-    layout = condition.source.layout
-    n_bits = (replace(layout, ratex=()) if method.card.equalised else layout).n_bits
-    expected = [(cell.pair, cell.view_deg, cell.kappa, i, n_bits) for i in range(condition.frames)]
-    found = [
-        (line["pair"], line["view_deg"], line["kappa"], line["index"], len(line["bits"]))
-        for line in lines or ()
-    ]
-    return lines if found == expected else None
-
-
-def _by_frame(by_method: dict[str, list[Line]]) -> list[Line]:
-    """Predictions of one cell by label, ordered by frame pair, then as ``by_method``."""
-    named = [[{**line, "method": label} for line in mine] for label, mine in by_method.items()]
-    return [line for frame in zip(*named, strict=True) for line in frame]
-
-
-def _trace_name(task: _Task) -> str:
-    """Name of the file for the traceback of a task."""
-    cell = task.cell
-    name = f"{task.condition.name}_{cell.pair}_{cell.view_deg:g}_{cell.kappa}.txt"
-    return name.replace("/", "_").lstrip("_")

@@ -1,11 +1,12 @@
 """Predictions as one table: a row for each frame pair and method.
 
-A prediction is stored as one line of JSON with method, pair, view_deg, kappa, picture, index,
-scores and bits. `to_records` makes the table that everything downstream groups, joins and counts.
+A prediction is stored as one line of JSON: a `Prediction`, with a digest that tells a damaged line.
+`to_records` makes the table that everything downstream groups, joins and counts.
 """
 
 import json
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,8 +18,9 @@ from pydantic import Field, FiniteFloat
 from link.embed import MAX_KAPPA
 from link.errors import InputError
 from link.frames import Captured, SoftBits
-from link.outside import read_json_lines
-from reports.engine.checked import checked, seal, unseal
+from link.images import write_bytes
+from link.outside import is_file, read_json_lines
+from reports.engine.checked import checked, read_sealed, seal
 
 CELL = ["pair", "view_deg", "kappa"]
 """Columns that name a cell of the comparison."""
@@ -52,29 +54,64 @@ class Prediction:
     """True bits, 0 or 1, and -1 where one is not known."""
     condition: str = ""
     """Name of the condition; empty in the main comparison."""
+    mark: str = ""
+    """First digits of the digest of all that decided the scores (`reports.engine.predict`)."""
 
     def __post_init__(self) -> None:
         if len(self.scores) != len(self.bits):
             raise ValueError("has not as many scores as bits")
 
 
-def to_line(method: str, index: int, soft: SoftBits, captured: Captured) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Truth:
+    """What is known of an observation beside the camera's frames, for its record alone."""
+
+    pair: str
+    """Name of the camera-display pair, or "captures" where it is not known."""
+    view_deg: float | None
+    """Angle of observation, degrees."""
+    kappa: int | None
+    """Gray levels added for a bit 1."""
+    picture: str | None
+    """Name of the picture."""
+    bits: tuple[int, ...]
+    """True bits, 0 or 1, and -1 where one is not known."""
+
+
+def truth_of(captured: Captured) -> Truth:
+    """What is known of a frame pair."""
+    meta: dict[str, Any] = captured.meta
+    bits = np.full(captured.layout.n_bits, -1) if captured.bits is None else captured.bits
+    return Truth(
+        meta.get("pair", "captures"),
+        meta.get("view_deg"),
+        captured.kappa,
+        meta.get("picture"),
+        tuple(bits.tolist()),
+    )
+
+
+def to_line(method: str, index: int, soft: SoftBits, truth: Truth) -> dict[str, Any]:
     """One prediction as JSON has it: scores to six digits; bits 0 or 1, and -1 where unknown."""
-    unknown = [-1] * captured.layout.n_bits
     return {
         "method": method,
-        "pair": captured.meta.get("pair", "captures"),
-        "view_deg": captured.meta.get("view_deg"),
-        "kappa": captured.kappa,
-        "picture": captured.meta.get("picture"),
-        "scores": [float(f"{score:.6g}") for score in soft.scores],
-        "bits": unknown if captured.bits is None else [int(bit) for bit in captured.bits],
+        "pair": truth.pair,
+        "view_deg": truth.view_deg,
+        "kappa": truth.kappa,
+        "picture": truth.picture,
         "index": index,
+        "scores": [float(f"{score:.6g}") for score in soft.scores],
+        "bits": list(truth.bits),
     }
 
 
+def key_of(line: dict[str, Any]) -> tuple[Any, ...]:
+    """Tell a stored prediction from all others: what was decoded, by which method, and its mark."""
+    return tuple(line[name] for name in ("condition", "method", *FRAME, "mark"))
+
+
 def to_records(lines: Iterable[dict[str, Any]], condition: str = "") -> pd.DataFrame:
-    """The table of predictions.
+    """Make the table of predictions.
 
     >>> line = {"method": "oorc", "pair": "canon-lg", "view_deg": 45.0, "kappa": 3, "index": 0,
     ...         "picture": None, "scores": [1.5, -2.0, 0.3], "bits": [1, 1, -1]}
@@ -102,24 +139,6 @@ def to_records(lines: Iterable[dict[str, Any]], condition: str = "") -> pd.DataF
     return table
 
 
-def to_lines(records: pd.DataFrame) -> list[dict[str, Any]]:
-    """The predictions of a table, as `to_line` makes them."""
-    return [
-        {
-            **({"condition": row.condition} if row.condition else {}),
-            "method": row.method,
-            "pair": row.pair,
-            "view_deg": None if pd.isna(row.view_deg) else float(row.view_deg),
-            "kappa": None if pd.isna(row.kappa) else int(row.kappa),
-            "picture": row.picture,
-            "scores": row.scores.tolist(),
-            "bits": row.bits.tolist(),
-            "index": row.index_,
-        }
-        for row in records.rename(columns={"index": "index_"}).itertuples(index=False)
-    ]
-
-
 def write_lines(lines: Iterable[dict[str, Any]]) -> bytes:
     """Objects as the bytes of a file with one line of JSON each, such as predictions or a log."""
     return "".join(json.dumps(line) + "\n" for line in lines).encode()
@@ -136,18 +155,17 @@ def read_predictions(file: Path) -> pd.DataFrame:
     )
 
 
-def seal_lines(lines: Iterable[dict[str, Any]]) -> bytes:
-    """Predictions as the bytes of a file whose damage `read_sealed` notices."""
-    return "".join(map(seal, lines)).encode()
+def write_predictions(file: Path, lines: Iterable[dict[str, Any]]) -> None:
+    """Write predictions with a digest in each line, unless the file holds just these already."""
+    data = "".join(map(seal, lines)).encode()
+    if not (is_file(file) and file.read_bytes() == data):
+        write_bytes(file, data)
 
 
-def read_sealed(file: Path) -> list[dict[str, Any]] | None:
-    """Read predictions that `seal_lines` wrote; None where the file is missing or damaged."""
+def stored_predictions(file: Path) -> list[dict[str, Any]]:
+    """Read the predictions of a file whose lines are as they were written, and leave out others."""
     found = []
-    try:
-        for where, line in read_json_lines(file):
-            found.append(unseal(line))
-            checked(Prediction, found[-1], where)
-    except InputError:
-        return None
-    return [line for line in found if line is not None]
+    for line in read_sealed(file):
+        with suppress(InputError):
+            found.append(vars(checked(Prediction, line, str(file))))
+    return found

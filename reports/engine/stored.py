@@ -9,14 +9,12 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from tqdm import tqdm
-
 from link.errors import InputError
 from link.files.lock import locked
 from link.images import write_bytes
-from link.outside import MAX_LINES_BYTES, is_file, parse_json, read_bounded
+from link.outside import is_file
 from reports.engine.backends import Backend, run_tasks
-from reports.engine.checked import seal, unseal
+from reports.engine.checked import read_sealed, seal
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -44,8 +42,7 @@ def each_result(
         InputError: some tasks failed; it is raised after the last result.
     """
     names, failed = list(items), []
-    outcomes = run_tasks(task, list(items.values()), backend)
-    for outcome in tqdm(outcomes, total=done + len(names), initial=done, desc=title):
+    for outcome in run_tasks(task, list(items.values()), backend, title, done):
         if outcome.failure is not None:
             failed.append(f"{names[outcome.index]}: {outcome.failure.reason}")
         else:
@@ -91,18 +88,10 @@ def resume(
 
 def _read(file: Path) -> dict[str, Any]:
     """Results by name; a line that was damaged, or cut off by a kill, is removed from the file."""
-    if not is_file(file):
-        return {}
-    kept, results = [], {}
-    data = read_bounded(file, MAX_LINES_BYTES)
-    for line in data.split(b"\n"):
-        try:
-            stored = unseal(parse_json(line, str(file)))
-        except InputError:
-            continue
-        if stored is not None and isinstance(stored.get("name"), str) and "result" in stored:
-            results[stored["name"]] = stored["result"]
-            kept.append(line + b"\n")
-    if data != b"".join(kept):
-        write_bytes(file, b"".join(kept))
-    return results
+    lines = [
+        line for line in read_sealed(file) if isinstance(line.get("name"), str) and "result" in line
+    ]
+    data = "".join(map(seal, lines)).encode()
+    if is_file(file) and file.read_bytes() != data:
+        write_bytes(file, data)
+    return {line["name"]: line["result"] for line in lines}

@@ -10,7 +10,7 @@ from reports.engine.predict import decode_captures
 from reports.engine.provenance import provenance
 from reports.evaluation.evidence import USUAL, Stopwatch, capture_evidence
 from reports.render.tables import summary_table
-from reports.run import RunFolder
+from reports.run import PREDICTIONS, RunFolder
 from reports.score.accuracy import score
 
 
@@ -28,7 +28,7 @@ def evaluate_folder(
     """
     clock = Stopwatch()
     with clock.time("decoding"):
-        records, notes = decode_captures(captures, methods)
+        records, notes = decode_captures(captures, methods, folder.path / PREDICTIONS)
     print(*notes, sep="\n")
     simulated = all(bool(entry.get("simulated")) for entry in read_manifest(captures))
     meta = provenance(seed, simulated)

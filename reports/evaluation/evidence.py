@@ -18,7 +18,7 @@ from reports.evaluation.findings import REFERENCES, leaders
 from reports.evaluation.response import measure_response
 from reports.evaluation.stories import Place, captured_stories, simulated_stories
 from reports.evaluation.sweeps import sweep_conditions, swept_methods
-from reports.run import RunFolder, SweepCurve
+from reports.run import SWEPT, RunFolder, SweepCurve
 
 
 @dataclass(frozen=True)
@@ -103,8 +103,9 @@ class SimulatedRun:
         """
         fewer = max(1, 2 * self.comparison.frames // 3)
         conditions, curves = sweep_conditions(names, self.comparison.source, fewer, quick)
-        swept = predict(conditions, swept_methods(self.methods), self.folder.path, backend)
-        self.folder.write_sweeps(curves, swept.records)
+        methods = swept_methods(self.methods)
+        swept = predict(conditions, methods, self.folder.path / SWEPT, backend)
+        self.folder.write_sweeps(curves)
         return Swept(conditions, curves, swept.records, swept.failed)
 
     def write_pictures(self, swept: Swept) -> None:

@@ -17,6 +17,7 @@ from reports.engine.methods import methods_for
 from reports.engine.predict import Condition, paper_cells, predict_all
 from reports.engine.provenance import provenance
 from reports.render.tables import summary_table
+from reports.run import PREDICTIONS
 from reports.score.accuracy import score, write_scores
 
 PARITY_FRAMES = 30
@@ -54,7 +55,7 @@ def export_and_evaluate(
         module: the trained decoder, on the CPU.
         layouts: layouts for which it was trained.
         test: frame pairs on which it is compared.
-        folder: holds its checkpoint; takes decoder.onnx, metrics.json, and the folder evaluation.
+        folder: holds its checkpoint; takes decoder.onnx, predictions.jsonl and metrics.json.
         settings: settings of the training, which the ONNX file carries.
 
     Returns:
@@ -68,7 +69,7 @@ def export_and_evaluate(
     model = folder / "decoder.onnx"
     with ProcessPoolExecutor(1, get_context("spawn")) as pool:  # torch exports with one thread
         exported = pool.submit(export, module, model, folder.name, PARITY_FRAMES, settings)
-        records = predict_all(conditions, methods, folder / "evaluation", Backend(test.jobs))
+        records = predict_all(conditions, methods, folder / PREDICTIONS, Backend(test.jobs))
         parity = exported.result()
     scores = score(records)
     write_scores(folder / "metrics.json", scores, provenance(test.seed, simulated=True))

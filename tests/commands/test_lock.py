@@ -176,8 +176,8 @@ def test_no_two_processes_are_ever_inside(tmp_path: Path) -> None:
 def test_parts_of_runs_refuse_a_folder_that_is_being_written(tmp_path: Path) -> None:
     with holder(tmp_path):
         before = files_in(tmp_path)
-        assert "is writing it" in refusal(lambda: predict_all([], [], tmp_path, Backend()))
         results = tmp_path / "results.jsonl"
+        assert "is writing it" in refusal(lambda: predict_all([], [], results, Backend()))
         assert "is writing it" in refusal(lambda: resume(abs, {}, results, Backend(), "title"))
         assert files_in(tmp_path) == before
 

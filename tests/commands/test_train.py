@@ -105,13 +105,17 @@ def test_training_again_into_the_same_folder_evaluates_the_new_decoder(
     small += ["--frames", "1", "--out", str(tmp_path)]
     command(train.main, *small)
     decoder, metrics = ((tmp_path / name).read_bytes() for name in ("decoder.pt", "metrics.json"))
-    cells = tmp_path / "evaluation" / "cells"
-    stored = set(cells.iterdir())
+
+    def marks() -> set[str]:
+        lines = (tmp_path / "predictions.jsonl").read_text().splitlines()
+        return {json.loads(line)["mark"] for line in lines}
+
+    stored = marks()
     assert len(stored) == len(DECODERS)
     command(train.main, *small)  # it is made again, to the same bytes
     assert (tmp_path / "decoder.pt").read_bytes() == decoder
     assert (tmp_path / "metrics.json").read_bytes() == metrics
-    assert set(cells.iterdir()) == stored
+    assert marks() == stored
     train_loop = train.train
 
     def train_otherwise(module: PhiDecoder, *rest: Any) -> None:
@@ -122,7 +126,7 @@ def test_training_again_into_the_same_folder_evaluates_the_new_decoder(
     monkeypatch.setattr(train, "train", train_otherwise)
     command(train.main, *small)
     assert (tmp_path / "decoder.pt").read_bytes() != decoder
-    (anew,) = set(cells.iterdir()) - stored  # that of the learned decoder
+    (anew,) = marks() - stored  # that of the learned decoder
     assert len(list(anew.iterdir())) == 4
 
 

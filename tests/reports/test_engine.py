@@ -31,6 +31,7 @@ from reports.engine.backends import Backend, make_backend, one_thread, run_tasks
 from reports.engine.digest import DATA, ROOT, code_digest, file_digest, imported_modules
 from reports.engine.methods import Method
 from reports.engine.predict import Condition, checkpoint_digest, fingerprint, predict, predict_all
+from reports.engine.records import stored_predictions
 
 RUN = ["--pairs", "canon-lg", "--views", "0", "45", "--kappas", "5", "--frames", "1"]
 RUN += ["--methods", "oorc", "learned", "hidden_ratex", "--no-html"]
@@ -98,29 +99,35 @@ def test_two_dask_workers_write_the_bytes_of_one_process(
     assert list(loaded.values()) == [True, True]  # both took part
 
 
-def cell_files(folder: Path) -> list[Path]:
-    return sorted((folder / "cells").glob("*/*.jsonl"))
-
-
 @pytest.mark.slow
 def test_a_killed_run_goes_on_to_the_same_bytes(
-    alone: Path, tmp_path: Path, command: Command
+    alone: Path, tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    part = tmp_path / "predictions.jsonl.part"
     line = [sys.executable, "evaluate.py", *RUN, "--jobs", "1", "--out", str(tmp_path)]
     with subprocess.Popen(
         line, cwd=ROOT, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
     ) as run:
         started = time.monotonic()
-        while not cell_files(tmp_path) and time.monotonic() < started + 60:
+        while not stored_predictions(part) and time.monotonic() < started + 60:
             time.sleep(0.005)
         os.killpg(run.pid, signal.SIGKILL)
         assert run.wait() == -signal.SIGKILL
-    kept = {file: file.stat().st_mtime_ns for file in cell_files(tmp_path)}
+    kept = stored_predictions(part)
     assert 1 <= len(kept) < N_CELLS * N_METHODS
     assert not (tmp_path / "predictions.jsonl").exists()
+    decoded = []
+
+    def noted(task: engine.Task) -> Any:
+        decoded.extend((task.cell, method.label) for method in task.methods)
+        return decode_cell(task)
+
+    decode_cell = engine.decode_cell
+    monkeypatch.setattr(engine, "decode_cell", noted)
     command(evaluate.main, *RUN, "--jobs", 1, "--out", tmp_path)
     assert results(tmp_path) == results(alone)
-    assert all(file.stat().st_mtime_ns == time_ns for file, time_ns in kept.items())
+    assert len(decoded) + len(kept) == N_CELLS * N_METHODS  # what is kept is not decoded again
+    assert not part.exists()
 
 
 @pytest.mark.slow
@@ -164,7 +171,7 @@ def test_a_cell_that_fails_elsewhere_is_reported_too(
 ) -> None:
     address = request.getfixturevalue("scheduler") if where == "dask" else None
     backend = Backend(2, address)
-    predicted = predict(condition(BAD, GOOD), NAIVE, tmp_path, backend)
+    predicted = predict(condition(BAD, GOOD), NAIVE, tmp_path / "a.jsonl", backend)
     assert predicted.records["kappa"].tolist() == [5]
     (report,) = predicted.failed
     assert report.startswith("canon-lg, 0°, kappa 0: kappa: need 1 to 64")
@@ -172,9 +179,9 @@ def test_a_cell_that_fails_elsewhere_is_reported_too(
 
 def test_commands_that_need_every_cell_refuse_to_go_on(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="1 of 2 cells failed: canon-lg, 0°, kappa 0: kappa"):
-        predict_all(condition(BAD, GOOD), NAIVE, tmp_path, Backend())
+        predict_all(condition(BAD, GOOD), NAIVE, tmp_path / "a.jsonl", Backend())
     with pytest.raises(InputError, match=r"^kappa: need 1 to 64"):
-        predict_all(condition(BAD), NAIVE, tmp_path, Backend())
+        predict_all(condition(BAD), NAIVE, tmp_path / "b.jsonl", Backend())
 
 
 @pytest.mark.slow
@@ -210,7 +217,7 @@ def test_a_worker_with_other_code_is_refused(
 ) -> None:
     monkeypatch.setattr(engine, "fingerprint", lambda *_: "another checkout")
     with pytest.raises(InputError, match="has other code, packages, checkpoints or pictures"):
-        predict(condition(GOOD), NAIVE, tmp_path, Backend(scheduler=scheduler))
+        predict(condition(GOOD), NAIVE, tmp_path / "a.jsonl", Backend(scheduler=scheduler))
 
 
 def test_the_fingerprint_knows_what_decides() -> None:
@@ -227,14 +234,24 @@ def test_the_fingerprint_knows_what_decides() -> None:
     assert checkpoint_digest(Method("learned"), make_layout()) not in ("", file_digest([]))
 
 
-def test_a_method_that_is_new_costs_no_other_its_results(tmp_path: Path) -> None:
-    predict_all(condition(GOOD), NAIVE, tmp_path, Backend())
-    (before,) = cell_files(tmp_path)
-    time_ns = before.stat().st_mtime_ns
-    records = predict_all(condition(GOOD), [*NAIVE, Method("oorc")], tmp_path, Backend())
+def test_a_method_that_is_new_costs_no_other_its_results(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "predictions.jsonl"
+    predict_all(condition(GOOD), NAIVE, file, Backend())
+    before = file.read_bytes()
+    decoded = []
+
+    def noted(task: engine.Task) -> Any:
+        decoded.append([method.label for method in task.methods])
+        return decode_cell(task)
+
+    decode_cell = engine.decode_cell
+    monkeypatch.setattr(engine, "decode_cell", noted)
+    records = predict_all(condition(GOOD), [*NAIVE, Method("oorc")], file, Backend())
     assert records["method"].tolist() == ["naive", "oorc"]
-    assert len(cell_files(tmp_path)) == 2
-    assert before.stat().st_mtime_ns == time_ns
+    assert decoded == [["oorc"]]
+    assert file.read_bytes().startswith(before)
 
 
 # What decides a result

@@ -20,7 +20,7 @@ from reports.engine.backends import Backend
 from reports.engine.checked import seal
 from reports.engine.methods import Method
 from reports.engine.predict import Condition, predict_all
-from reports.engine.records import to_lines, to_records
+from reports.engine.records import to_records
 from reports.render.figures import RIGHT, UNKNOWN, WRONG, annotate
 from reports.render.tables import cell_tables, summary_table
 from reports.score.accuracy import pool, read_scores, score, write_scores
@@ -120,20 +120,31 @@ def test_the_report_is_printed_and_kept(evaluated: Path) -> None:
     assert "simulated" in tables
 
 
-def test_a_run_that_was_cut_off_goes_on_to_the_same_bytes(tmp_path: Path, command: Command) -> None:
+def test_a_run_that_was_cut_off_goes_on_to_the_same_bytes(
+    tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
     run = (*TWO_CELLS, "--jobs", 1, "--out", tmp_path)
     command(evaluate.main, *run)
     predictions = tmp_path / "predictions.jsonl"
     before = predictions.read_bytes()
-    first, *others = sorted((tmp_path / "cells").glob("*/*.jsonl"))
-    assert len(others) == 3  # two cells, two methods
-    kept = first.stat().st_mtime_ns
-    for file in others:
-        file.unlink()
+    lines = before.splitlines(keepends=True)
+    assert len(lines) == 4  # two cells, two methods
+    decoded = []
+
+    def noted(task: engine.Task) -> Any:
+        decoded.append((task.cell.kappa, [method.name for method in task.methods]))
+        return decode_cell(task)
+
+    decode_cell = engine.decode_cell
+    monkeypatch.setattr(engine, "decode_cell", noted)
+    predictions.with_name("predictions.jsonl.part").write_bytes(lines[0] + lines[1][:-9])
     predictions.unlink()
     command(evaluate.main, *run)
     assert predictions.read_bytes() == before
-    assert first.stat().st_mtime_ns == kept  # not decoded again
+    assert len(decoded) == 2
+    assert len(decoded[0][1]) == 1  # the other method of the first cell was not decoded again
+    command(evaluate.main, *run)
+    assert len(decoded) == 2
 
 
 def test_another_seed_gives_other_predictions(
@@ -206,17 +217,15 @@ def test_a_score_that_is_not_finite_is_not_written(tmp_path: Path) -> None:
     assert not (tmp_path / "metrics.json").exists()
 
 
-def test_a_damaged_cell_file_is_decoded_again(tmp_path: Path, command: Command) -> None:
+def test_damaged_predictions_are_decoded_again(tmp_path: Path, command: Command) -> None:
     run = (*TWO_CELLS, "--jobs", 1, "--out", tmp_path)
     command(evaluate.main, *run)
-    before = (tmp_path / "predictions.jsonl").read_bytes()
-    first, second, *_ = cells = sorted((tmp_path / "cells").glob("*/*.jsonl"))
-    stored = {file: file.read_bytes() for file in cells}
-    first.write_bytes(b"")
-    second.write_bytes(second.read_bytes()[:-20])
+    file = tmp_path / "predictions.jsonl"
+    before = file.read_bytes()
+    _, second, *others = before.splitlines(keepends=True)
+    file.write_bytes(b"".join([second[:-20] + b"\n", *others]))
     command(evaluate.main, *run)
-    assert (tmp_path / "predictions.jsonl").read_bytes() == before
-    assert {file: file.read_bytes() for file in cells} == stored
+    assert file.read_bytes() == before
 
 
 def damaged_cells(line: dict[str, Any]) -> dict[str, bytes]:
@@ -225,7 +234,6 @@ def damaged_cells(line: dict[str, Any]) -> dict[str, bytes]:
     flipped = known | {"scores": [-known["scores"][0], *known["scores"][1:]]}
     sealed = {
         "another shape": {"x": 1},
-        "fewer bits": known | {"scores": known["scores"][1:], "bits": known["bits"][1:]},
         "more scores": known | {"scores": [*known["scores"], 1.0]},
         "another frame pair": known | {"index": 1},
         "another cell": known | {"kappa": 4},
@@ -258,18 +266,18 @@ def test_a_stored_cell_that_is_corrupted_is_made_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     condition = Condition("", Source(make_layout()), (Cell("canon-lg", 0.0, 5),), 1)
+    file = tmp_path / "predictions.jsonl"
 
     def decoded() -> list[dict[str, Any]]:
-        return to_lines(predict_all([condition], [Method("naive")], tmp_path, Backend()))
+        return predict_all([condition], [Method("naive")], file, Backend()).astype(str).to_dict()
 
     expected = decoded()
-    (file,) = (tmp_path / "cells").glob("*/*.jsonl")
     stored, time_ns = file.read_bytes(), file.stat().st_mtime_ns
     assert decoded() == expected
     assert file.stat().st_mtime_ns == time_ns  # what is whole is not made again
     line = json.loads(stored)
     del line["sha256"]
-    monkeypatch.setattr(engine, "decode_cell", lambda task: [[line]])  # decoding takes long
+    monkeypatch.setattr(engine, "decode_cell", lambda task: [line])  # decoding takes long
     for name, content in damaged_cells(json.loads(stored)).items():
         file.write_bytes(content)
         assert decoded() == expected, name

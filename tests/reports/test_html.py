@@ -19,7 +19,7 @@ import evaluate
 from data_gen.frame_pair import Cell, FramePair, Source
 from link.captures import save_captures
 from link.layout import make_layout
-from reports.engine.records import to_records
+from reports.engine.records import to_records, write_predictions
 from reports.evaluation.findings import leaders
 from reports.evaluation.html import render
 from reports.evaluation.page import SECTIONS, write_report
@@ -40,7 +40,7 @@ from reports.render.charts import (
     to_svg,
 )
 from reports.render.tables import Table, TableCell
-from reports.run import RunFolder, Story
+from reports.run import PREDICTIONS, RunFolder, Story
 from reports.score.accuracy import score, write_scores
 from reports.score.paired import same_captures
 
@@ -211,7 +211,6 @@ def test_without_html_nothing_is_drawn(tmp_path: Path, command: Command) -> None
     run = ("--pairs", "canon-lg", "--views", 0, "--kappas", 5, "--frames", 1, "--methods", "naive")
     command(evaluate.main, *run, "--jobs", 1, "--no-html", "--out", tmp_path)
     assert {file.name for file in tmp_path.iterdir()} == {
-        "cells",
         "config.json",
         "metrics.json",
         "metrics.csv",
@@ -281,6 +280,7 @@ def store(tmp_path: Path) -> Store:
         folder = RunFolder(tmp_path / name)
         decisive = {"seed": 0, "ratex": 5, **settings}
         folder.claim(decisive)
+        write_predictions(folder.path / PREDICTIONS, lines)
         folder.write_comparison(to_records(lines), META, "tables")
         folder.finish(META, {"decoding": 1.0}, [])
         return folder.path
