@@ -20,7 +20,7 @@ from link.captures import read_layouts
 from link.cli import check_flags, run_cli
 from link.errors import InputError, at_least, choose, each_once
 from link.files.lock import locked
-from models import DECODERS
+from models import DECODERS, OF_PAIRS
 from reports.engine.backends import Backend, make_backend
 from reports.engine.methods import Method, methods_for, suited_methods
 from reports.engine.predict import Condition, paper_cells, predict
@@ -28,6 +28,7 @@ from reports.engine.protocols import PROTOCOLS, apply_protocol
 from reports.engine.provenance import provenance
 from reports.evaluation.captures import evaluate_folder
 from reports.evaluation.evidence import QUICK, USUAL, SimulatedRun, Stopwatch
+from reports.evaluation.films import evaluate_films, film_conditions
 from reports.evaluation.page import write_report
 from reports.evaluation.settings import chosen_sweeps, decisive_settings
 from reports.evaluation.sweeps import SWEEPS
@@ -48,8 +49,12 @@ class EvaluateConfig(SourceFlags):
     """Angles of observation, degrees."""
     kappas: tuple[int, ...] = (5, 3)
     """Gray levels added for a bit 1."""
-    methods: tuple[str, ...] = tuple(DECODERS)
-    """Decoders to compare, or "package.module:Class" for your own (docs/extend.md)."""
+    methods: tuple[str, ...] = OF_PAIRS
+    """Decoders to compare, or "package.module:Class" for your own (docs/extend.md); by default
+    all that read frame pairs, or with --films all."""
+    films: tuple[str, ...] = ()
+    """Decode simulated films in place of frame pairs: PRESET or PRESET:FPS each, such as hidden:30;
+    a window of each of --frames films a cell. Layout and kappa are the preset's."""
     frames: int = 15
     """Number of frame pairs in each cell; the paper has 25 (text) to 75 (15 pictures with 5
     messages each)."""
@@ -100,18 +105,22 @@ def main() -> None:
     config = replace(config, pairs=pair_names(config.pairs))
     if config.quick:
         config = replace(config, frames=min(config.frames, QUICK.frames))
-    comparison, backend = checked_flags(config)
+    if config.films and config.methods == OF_PAIRS:
+        config = replace(config, methods=tuple(DECODERS))
+    comparisons, backend = checked_flags(config)
     methods = apply_protocol(config.protocol, methods_for(config.methods, config.run))
     layouts = read_layouts(config.captures) if config.captures else [config.layout()]
     folder = RunFolder(config.out)
     with locked(config.out):
         folder.claim(decisive_settings(config, methods, layouts))
         failed = []
-        if config.captures is None:
-            failed = evaluate_simulated(config, comparison, methods, folder, backend)
+        if config.films:
+            failed = evaluate_films(comparisons, methods, folder, config.seed, backend)
+        elif config.captures is None:
+            failed = evaluate_simulated(config, comparisons[0], methods, folder, backend)
         else:
             evaluate_folder(config.captures, methods, folder, config.seed, config.html)
-        if config.html:
+        if config.html and not config.films:
             print(f"written: {write_report(config.out)}")
         if config.captures is not None and config.show is not None:
             write_annotated(config.captures, methods, config.show)
@@ -161,8 +170,8 @@ def evaluate_simulated(
     return failed
 
 
-def checked_flags(config: EvaluateConfig) -> tuple[Condition, Backend]:
-    """Return the main comparison and where it runs, or refuse wrong flags before any work."""
+def checked_flags(config: EvaluateConfig) -> tuple[list[Condition], Backend]:
+    """Return what is compared and where it runs, or refuse wrong flags before any work."""
     at_least(1, frames=config.frames, jobs=config.jobs)
     each_once(methods=config.methods)
     for name in config.sweeps or ():
@@ -179,7 +188,12 @@ def checked_flags(config: EvaluateConfig) -> tuple[Condition, Backend]:
         raise InputError("--captures: has layouts of its own; leave out the flags of the layout")
     if config.show is not None and config.captures is None:
         raise InputError("--show: draws captures, so it needs --captures")
-    return Condition("", source, cells, config.frames), backend
+    if not config.films:
+        return [Condition("", source, cells, config.frames)], backend
+    if config.captures is not None:
+        raise InputError("--films: are simulated; leave out --captures")
+    films = film_conditions(config.films, config.pairs, config.views, config.frames, config.seed)
+    return films, backend
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from link.cli import check_flags, run_cli
 from link.errors import InputError, at_least, choose
 from link.images import write_image
 from link.layout import make_layout
-from models import DECODERS, PRETRAINED, make_decoder
+from models import OF_PAIRS, PRETRAINED, make_decoder
 from models.phi.config import FULL
 from reports.engine.backends import Backend
 from reports.engine.methods import Method, methods_for
@@ -115,8 +115,8 @@ def main() -> None:
 def measure_table(config: ReadmeConfig) -> None:
     """Decode the paper's 36 cells by every method into docs/metrics.json, and draw the pictures."""
     source = Source(make_layout(), "test", config.seed)
-    methods = methods_for(tuple(DECODERS), config.checkpoint)
-    methods.insert(tuple(DECODERS).index("learned"), UNTRAINED)
+    methods = methods_for(OF_PAIRS, config.checkpoint)
+    methods.insert(OF_PAIRS.index("learned"), UNTRAINED)
     condition = Condition("", source, paper_cells(tuple(PAIRS)), config.frames)
     file = Path("runs/readme") / PREDICTIONS
     records = predict_all([condition], methods, file, Backend(config.jobs))

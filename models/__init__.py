@@ -24,6 +24,11 @@ FILM_GRAPH = PRETRAINED.with_name("film") / "film.onnx"
 """The shipped film decoder (`models.film.decoder`), which serves all layouts that it can read."""
 
 
+def film_checkpoint(layout: Layout) -> Path:
+    """Name the folder of the shipped checkpoint of ``film``, which reads all layouts with it."""
+    return FILM_GRAPH.parent
+
+
 def shipped_checkpoint(layout: Layout) -> Path:
     """Choose the shipped checkpoint of ``learned`` that reads a layout."""
     return PRETRAINED_PILOTS if layout.pilots else PRETRAINED
@@ -88,9 +93,18 @@ DECODERS = {
         inverse_response="phi",
     ),
     "linear": Card("models.film.methods:LinearFilm", "#6b8e23", "P", frames="window", llr=True),
-    "film": Card("models.film.methods:Film", "#b8336a", "X", frames="window", llr=True),
+    "film": Card(
+        "models.film.methods:Film",
+        "#b8336a",
+        "X",
+        frames="window",
+        llr=True,
+        checkpoint=film_checkpoint,
+    ),
 }
 """Cards of all decoders, by the name that ``evaluate.py --methods`` takes."""
+OF_PAIRS = tuple(name for name, card in DECODERS.items() if card.frames != "window")
+"""Names of the decoders that read still frame pairs."""
 
 
 def find_card(name: str) -> Card:

@@ -2,17 +2,22 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 
 from data_gen.film.codec import through_codec
 from data_gen.film.message import FilmSettings, Take, film_message
+from data_gen.frame_pair import Cell
 from export.film_graph import FilmGraph
 from export.runtime import OWN_TIME_LIMIT_S, Decoder
-from link.errors import ParameterError, choose
+from link.errors import InputError, ParameterError, choose
 from link.layout import Layout
+from link.observation import Observation
 from link.presets import PRESETS
 from models import FILM_GRAPH, shipped_graphs
 from models.film.window import reads_films
 from receiver.record import KnownWindow, record_windows
+from reports.engine.predict import observe
+from reports.engine.records import Truth
 
 USUAL_FPS = 30.0
 """Number of frames a second of the camera where none is named."""
@@ -78,3 +83,49 @@ class FilmOf:
             frames.append((frame.rgb, frame.time_s))
         decoders = _decoders(settings.layout)
         return record_windows(frames, settings.fps, decoders, filmed.bits, self.most)
+
+
+@dataclass(frozen=True)
+class FilmSource:
+    """Windows of simulated films, one of each film: `reports.engine.predict` decodes them."""
+
+    settings: FilmSettings
+    """What is shown, and how it is filmed."""
+    seed: int = 0
+    """Seed of every random draw."""
+    split: str = "test"
+    """Split whose pictures and channel draws are used."""
+    seconds: float = 1.4
+    """Length of each film, seconds of a camera of 60 frames a second; slower ones film longer."""
+    pictures: Path | None = None
+    """None: films show the built-in pictures."""
+
+    @property
+    def layout(self) -> Layout:
+        """Layout that the display shows."""
+        return self.settings.layout
+
+
+TRIES = 5
+"""Number of films that are drawn for a window at most: a display may not be found in each."""
+
+
+@observe.register
+def _(source: FilmSource, cell: Cell, index: int, equalised: bool) -> tuple[Observation, Truth]:
+    """Give the last window of a film in which the receiver has found the display.
+
+    All methods get the same window, whatever pictures they would have the display show.
+    """
+    window, picture = _window_of(source, cell, index)
+    bits = tuple(window.bits.reshape(-1).tolist())
+    return window.observation, Truth(cell.pair, cell.view_deg, cell.kappa, picture, bits)
+
+
+@lru_cache(maxsize=2)
+def _window_of(source: FilmSource, cell: Cell, index: int) -> tuple[KnownWindow, str]:
+    seconds = source.seconds * max(1.0, 60 / source.settings.fps)
+    for number in range(index * TRIES, (index + 1) * TRIES):
+        take = Take(source.settings, cell.pair, cell.view_deg, number, source.seed, source.split)
+        if windows := FilmOf(take, seconds).windows():
+            return windows[-1], film_message(take).picture
+    raise InputError(f"the receiver found no display in {TRIES} films, number {index}")

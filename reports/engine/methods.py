@@ -9,9 +9,25 @@ import numpy as np
 
 from link.embed import embed
 from link.errors import InputError, UnsuitedError, each_once
+from link.frames import SoftBits
 from link.layout import Layout
-from link.observation import Observation
+from link.observation import Mixture, Observation
 from models import BlockDecoder, Card, find_card, make_decoder
+from models.pairwise import decode_by_pairs
+
+
+@dataclass(frozen=True)
+class ByPairs:
+    """A decoder of frame pairs that reads films as well, pair by pair (`models.pairwise`)."""
+
+    decoder: BlockDecoder
+    """The decoder."""
+
+    def decode(self, observation: Observation) -> SoftBits:
+        """Score the message blocks of a frame pair, or of all pairs of a window of film."""
+        if observation.is_pair:
+            return self.decoder.decode(observation)
+        return decode_by_pairs(self.decoder, observation)
 
 
 @dataclass(frozen=True)
@@ -41,8 +57,9 @@ class Method:
         return dict(self.options).get("checkpoint", shipped)
 
     def build(self) -> BlockDecoder:
-        """The decoder."""
-        return make_decoder(self.name, **dict(self.options))
+        """The decoder, which reads films by pairs that are put together if it reads pairs alone."""
+        decoder = make_decoder(self.name, **dict(self.options))
+        return ByPairs(decoder) if self.card.frames == "pair" else decoder
 
 
 def methods_for(names: Sequence[str], checkpoint: Path | None = None) -> list[Method]:
@@ -51,6 +68,35 @@ def methods_for(names: Sequence[str], checkpoint: Path | None = None) -> list[Me
     methods = [Method(name, options.get(name, ())) for name in names]
     each_once(methods=[method.label for method in methods])
     return methods
+
+
+def suited_to_films(
+    methods: Sequence[Method], layouts: Sequence[Layout]
+) -> tuple[list[Method], list[str]]:
+    """Find the methods that can decode windows of film of all layouts, by letting them decode one.
+
+    Returns:
+        the methods that suit, and a line for each that is left out.
+
+    Raises:
+        InputError: no method suits.
+    """
+    suited, notes = list(methods), {}
+    for layout in layouts:
+        gray = np.full((layout.height, layout.width), 128, np.uint8)
+        shares = np.zeros((4, 1, layout.rows, layout.cols), np.float32)
+        shares[::2], shares[1::2] = -0.5, 0.5
+        mixture = Mixture(shares, np.array([[0], [0], [1], [1]]), 2)
+        trial = Observation((gray, gray, gray, gray), layout, mixture)
+        for method in tuple(suited):
+            try:
+                method.build().decode(trial)
+            except UnsuitedError as error:
+                suited.remove(method)
+                notes[method.label] = f"{method.label}: left out, {error}"
+    if not suited:
+        raise InputError(f"no method suits these films; {'; '.join(notes.values())}")
+    return suited, list(notes.values())
 
 
 def suited_methods(methods: Sequence[Method], layout: Layout) -> tuple[list[Method], list[str]]:
@@ -75,6 +121,8 @@ def suited_methods(methods: Sequence[Method], layout: Layout) -> tuple[list[Meth
     pair = Observation.still(shown.original, shown.embedded, layout, shown.kappa)
     for method in methods:
         try:
+            if method.card.frames == "window":
+                raise UnsuitedError("it reads films (--films)")
             if not (layout.ratex or method.card.equalised):
                 method.build().decode(pair)
             suited.append(method)

@@ -9,8 +9,9 @@ no other method its results.
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import singledispatch
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import pandas as pd
 from tqdm import tqdm
@@ -21,9 +22,9 @@ from link.captures import load_capture, read_manifest
 from link.embed import check_kappa
 from link.errors import InputError, UnsuitedError, each_once
 from link.files.lock import locked
-from link.frames import Rectified
 from link.images import write_bytes
 from link.layout import Layout
+from link.observation import Observation
 from reports.engine.backends import Backend, one_thread, run_tasks
 from reports.engine.checked import seal
 from reports.engine.digest import (
@@ -57,12 +58,12 @@ class Condition:
 
     name: str
     """Tells conditions of a study apart; "" where there is one."""
-    source: Source
-    """Pictures, seed, and the channel as it is set."""
+    source: Any
+    """An `ObservationSource`: pictures, seed, and the channel as it is set."""
     cells: tuple[Cell, ...]
     """Camera-display pairs, views and kappas that are decoded."""
     frames: int
-    """Number of frame pairs of each cell."""
+    """Number of observations of each cell: frame pairs, or windows of as many films."""
 
 
 @dataclass(frozen=True)
@@ -253,8 +254,23 @@ def decode_cell_elsewhere(task: Task) -> list[Line]:
     return decode_cell(task)
 
 
-def observe(source: Source, cell: Cell, index: int, equalised: bool) -> tuple[Rectified, Truth]:
+class ObservationSource(Protocol):
+    """Where observations come from; `observe` knows how each kind makes them."""
+
+    @property
+    def layout(self) -> Layout:
+        """Layout of the displayed pictures."""
+
+    @property
+    def pictures(self) -> Path | None:
+        """Folder of the user's own pictures, in place of the built-in ones."""
+
+
+@singledispatch
+def observe(source: Any, cell: Cell, index: int, equalised: bool) -> tuple[Observation, Truth]:
     """Make one observation as decoders take it, and what is known of it.
+
+    Each kind of source registers how it does so.
 
     Args:
         source: pictures, seed, and the channel.
@@ -262,11 +278,16 @@ def observe(source: Source, cell: Cell, index: int, equalised: bool) -> tuple[Re
         index: number of the observation in its cell.
         equalised: whether equalised pictures without ratex patches are shown.
     """
+    raise TypeError(f"no way to observe {source!r}")
+
+
+@observe.register
+def _(source: Source, cell: Cell, index: int, equalised: bool) -> tuple[Observation, Truth]:
     pair = FramePair(source, cell, index, equalised)
     return pair.rectified, truth_of(pair.captured)
 
 
-def fingerprint(source: Source, frames: int, method: Method) -> str:
+def fingerprint(source: ObservationSource, frames: int, method: Method) -> str:
     """First digits of the SHA-256 of all that decides a method's predictions of a cell.
 
     Processors are left out, and so are the names of the method and of the condition.

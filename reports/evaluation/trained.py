@@ -9,7 +9,7 @@ from pathlib import Path
 from data_gen.frame_pair import Source
 from export.to_onnx import export
 from link.layout import Layout
-from models import DECODERS
+from models import OF_PAIRS
 from models.phi.decoder import PhiDecoder
 from reports.engine.backends import Backend
 from reports.engine.conditions import condition_names
@@ -65,7 +65,7 @@ def export_and_evaluate(
         Condition(name, Source(layout, "test", test.seed), paper_cells(test.pairs), test.frames)
         for name, layout in zip(condition_names(layouts), layouts, strict=True)
     ]
-    methods = methods_for(ON_PILOTS if layouts[0].pilots else tuple(DECODERS), folder)
+    methods = methods_for(ON_PILOTS if layouts[0].pilots else OF_PAIRS, folder)
     model = folder / "decoder.onnx"
     with ProcessPoolExecutor(1, get_context("spawn")) as pool:  # torch exports with one thread
         exported = pool.submit(export, module, model, folder.name, PARITY_FRAMES, settings)

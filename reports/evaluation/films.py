@@ -1,0 +1,70 @@
+"""The comparison of methods on simulated films, as a receiver finds, follows and times them."""
+
+from collections.abc import Sequence
+
+from link.errors import at_least
+from reports.engine.backends import Backend
+from reports.engine.methods import Method, suited_to_films
+from reports.engine.predict import Condition, paper_cells, predict
+from reports.engine.provenance import provenance
+from reports.films import FilmSource, film_settings
+from reports.render.tables import summary_table
+from reports.run import PREDICTIONS, RunFolder
+from reports.score.accuracy import score
+
+
+def film_conditions(
+    names: Sequence[str], pairs: Sequence[str], views: Sequence[float], frames: int, seed: int
+) -> list[Condition]:
+    """Make a condition of each kind of film.
+
+    Args:
+        names: what is shown and filmed, "PRESET" or "PRESET:FPS".
+        pairs: camera-display pairs.
+        views: angles of observation, degrees.
+        frames: number of films of each cell, of which one window is decoded.
+        seed: seed of every random draw.
+
+    Raises:
+        InputError: a name, pair or view is wrong; the message says which.
+    """
+    at_least(0, seed=seed)
+    conditions = []
+    for name in names:
+        settings = film_settings(name)
+        cells = paper_cells(pairs, views, (settings.kappa,))
+        conditions.append(Condition(name, FilmSource(settings, seed), cells, frames))
+    return conditions
+
+
+def evaluate_films(
+    conditions: Sequence[Condition],
+    methods: Sequence[Method],
+    folder: RunFolder,
+    seed: int,
+    backend: Backend,
+) -> list[str]:
+    """Decode, score, print and write.
+
+    Args:
+        conditions: a condition for each kind of film.
+        methods: methods; those that do not suit are left out, and a line says so.
+        folder: folder of the run; its settings are written already.
+        seed: seed that is written beside the results.
+        backend: where cells are decoded.
+
+    Returns:
+        a line for each cell that failed.
+    """
+    suited, notes = suited_to_films(methods, [each.source.layout for each in conditions])
+    print(*notes, sep="\n", end="\n" * bool(notes))
+    predicted = predict(conditions, suited, folder.path / PREDICTIONS, backend)
+    records, tables = predicted.records, []
+    for condition in conditions:
+        mine = records[records["condition"] == condition.name]
+        title = f"{condition.name}: windows of films (simulated, held-out pictures)"
+        tables.append(summary_table(score(mine), title).markdown())
+    meta = {**provenance(seed, simulated=True), "failed_cells": predicted.failed}
+    folder.write_comparison(records, meta, "\n\n".join(tables))
+    print(*tables, f"written: {folder.path}/predictions.jsonl, metrics.json, tables.md", sep="\n\n")
+    return predicted.failed
