@@ -140,6 +140,8 @@ class FilmDecoder(nn.Module):
         # how each frame differs from the reference, and the tone of the reference's blocks
         self.phi = PhiPolynomial(degree=1, moments=MOMENTS)
         self.response = typical_response()
+        # Where training starts from; films then teach each of these numbers. Starts without another
+        # reason were chosen by hand.
         # log standard deviations of the coefficients, in gray levels or relative
         self.amplitude = logs(1.5)
         self.bends = logs(0.4, 0.4, 0.2, 0.15, 0.15, 0.7)
@@ -147,11 +149,13 @@ class FilmDecoder(nn.Module):
         self.bands = logs(0.5)
         self.motion = logs(0.1, 0.05, 0.05, 0.1, 0.05, 0.05, 0.05, 0.1)
         self.spill = logs(0.06, 0.06)
-        # gradient, in gray levels per pixel, at which a pixel's weight in its block is halved
+        # gradient, in gray levels per pixel, at which a pixel's weight in its block is halved: a
+        # misregistration by a tenth of a pixel there moves it by as much as a bit does
         self.texture = logs(16.0)
         # how the log variance of blocks follows P_1 and P_2 of the intensity and the gradient
         self.noise = nn.Parameter(torch.tensor([0.0, 0.0, 0.3]))
-        # how the eye's masking of flicker follows contrast (`link.strength.masking`)
+        # how the eye's masking of flicker follows contrast: starts of `link.strength.masking`, by
+        # which the sender chooses the strength of each block
         self.masking = logs(MASKING_WEIGHT, MASKING_SCALE * STILL_SENSITIVITY)
         # frames, and blocks, for which what was learned of the noise counts; degrees of freedom
         self.block_trust, self.frame_trust, self.tails = logs(16.0), logs(100.0), logs(6.0)

@@ -272,6 +272,8 @@ class RatexRefiner(Refiner):
             terms = torch.cat([terms, self.places[: tiles.shape[1]] * i], dim=-1)
             scales.append(ridge[-1:].expand(3))
         columns = terms.transpose(1, 2)
+        # 0.08, chosen by hand, is the unit of the ridges: these are learned, so only the product
+        # counts, but for the constant, whose ridge is as good as none
         normal = columns @ terms + torch.diag(0.08 * torch.cat(scales))
         solution = solve_spd(normal, (columns * self.levels).sum(-1))
         c, tilt = solution[:, : MOMENTS + 1], solution[:, MOMENTS + 1 :]
