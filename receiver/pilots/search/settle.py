@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from link.layout import Layout
 from link.pilots import expected_changes
 from link.steps import Steps
 from link.types import Array
@@ -32,6 +33,8 @@ TRIALS = 1000
 """Number of quadrilaterals, turns, layouts and rounds that a search may try: evidence pays its
 natural logarithm, since the false-alarm probability of the search is at most so many times that of
 a trial (Bonferroni). Chosen by hand."""
+PRICE = float(np.log(TRIALS))
+"""Evidence that a proposal pays for all the trials of its search."""
 CERTAIN, CERTAIN_SHARE = 35.0, 0.75
 """Evidence from which on a display is believed at once, and the share of the number of pilots that
 is enough where it is less; below it, later frames must agree. Corners that were fitted to the same
@@ -88,58 +91,93 @@ def verify(
         the display, or None where none is detected.
     """
     layout, frames = proposal.layout, list(watch.frames)
-    needed = min(SURE, SURE_SHARE * layout.pilots)
-    certain = min(CERTAIN, CERTAIN_SHARE * layout.pilots)
-    best, price = proposal, float(np.log(TRIALS))
-    moved = replace(best, corners=(yield from _by_parts(best, frames)))
-    now, _ = weigh(moved, frames, watch.fps)
-    yield 1
-    if now > evidence:
-        best, evidence = moved, now
+    enough = NEARLY * _needed(layout)
+    start, evidence = yield from _shifted(proposal, evidence, frames, watch.fps)
     if evidence < HINT:
         return None
-    evidence -= price
     used = len(watch.frames)
-    start, fit = best, (yield from _by_blocks(best, watch.frames[:used]))
+    fit = yield from _by_blocks(start, watch.frames[:used])
     yield 1
-    fitted = best if fit is None else _moved(best, fit)
+    fitted = start if fit is None else _moved(start, fit)
     known: dict[HeldFrame, NDArray[np.float32]] = {}
-    now, toggling = weigh(fitted, frames, watch.fps, known)
-    now -= price
+    by_blocks, toggling = weigh(fitted, frames, watch.fps, known)
     yield 1
-    evidence = max(evidence, now)
-    if evidence < NEARLY * needed:
+    evidence, by_blocks = max(evidence, by_blocks) - PRICE, by_blocks - PRICE
+    if evidence < enough:
         return None
-    if now >= NEARLY * needed:
-        best = fitted
+    if by_blocks >= enough:
+        best = replace(fitted, toggling=toggling)
     else:
-        known = {}
-    if evidence < certain:  # corners were fitted to these frames; later ones must agree
-        for look in LOOKS:
-            while len(later := [*watch.frames[used:], *watch.later]) < look * watch.confirming:
-                yield NEXT_FRAME
-            agreed = weigh(best, later, watch.fps, known)
-            if agreed[0] < CONFIRMED + EARLY * (look < 1):
-                continue
-            if evidence < needed:  # all frames say more, unless some were worse than later ones
-                yield 1
-                together = weigh(best, [*frames, *later], watch.fps, known)
-                now, toggling = max(agreed, together, key=lambda weighed: weighed[0])
-                evidence = max(evidence, now - price - float(np.log(2)))
-                yield 1
-            if evidence >= needed:
-                break
-        else:
+        best, known, fit = replace(start, toggling=toggling), {}, None
+    if evidence < min(CERTAIN, CERTAIN_SHARE * layout.pilots):
+        confirmed = yield from _confirmed(best, evidence, frames, used, watch, known)
+        if confirmed is None:
             return None
-    k = 0.0
-    if best is fitted and fit is not None:
-        k = yield from _through_lens(fit, start, frames[0])
-        if k:
-            best, known = _moved(start, fit), {}
-    while not toggling.clear and len(watch.later) < watch.confirming:
+        best = confirmed
+    k = 0.0 if fit is None else (yield from _through_lens(fit, start, frames[0]))
+    if fit is not None and k:
+        best, known = replace(_moved(start, fit), toggling=best.toggling), {}
+    while not best.toggling.clear and len(watch.later) < watch.confirming:
         yield NEXT_FRAME  # each frame that comes tells more of the clock
         _, toggling = weigh(best, [*watch.frames, *watch.later], watch.fps, known)
-    return Detection(replace(best, toggling=toggling), k)
+        best = replace(best, toggling=toggling)
+    return Detection(best, k)
+
+
+def _needed(layout: Layout) -> float:
+    """Give the detection threshold for a layout, which may have few pilots."""
+    return min(SURE, SURE_SHARE * layout.pilots)
+
+
+def _shifted(
+    proposal: Proposal, evidence: float, frames: Sequence[HeldFrame], fps: float
+) -> Steps[tuple[Proposal, float]]:
+    """Move a proposal by parts of the display, if that brings evidence; it, and its evidence."""
+    moved = replace(proposal, corners=(yield from _by_parts(proposal, frames)))
+    now, _ = weigh(moved, frames, fps)
+    yield 1
+    return (moved, now) if now > evidence else (proposal, evidence)
+
+
+def _confirmed(
+    proposal: Proposal,
+    evidence: float,
+    frames: Sequence[HeldFrame],
+    used: int,
+    watch: Watch,
+    known: dict[HeldFrame, NDArray[np.float32]],
+) -> Steps[Proposal | None]:
+    """Wait until later frames, to which the corners were not fitted, confirm a proposal.
+
+    Args:
+        proposal: where a display may be, and how it toggles.
+        evidence: evidence of the proposal in ``frames``, of which its price is paid.
+        frames: frames by which the proposal was weighed.
+        used: number of the watch's frames to which the corners were fitted.
+        watch: the film, of which there may be more after each step.
+        known: values of the proposal's pilots in frames, as `weigh` takes them.
+
+    Returns:
+        the proposal, with how it toggles in all frames where these were needed; or None where the
+        later frames do not confirm it.
+    """
+    needed = _needed(proposal.layout)
+    for look in LOOKS:
+        while len(later := [*watch.frames[used:], *watch.later]) < look * watch.confirming:
+            yield NEXT_FRAME
+        agreed = weigh(proposal, later, watch.fps, known)
+        if agreed[0] < CONFIRMED + EARLY * (look < 1):
+            continue
+        if evidence < needed:  # all frames say more, unless some were worse than later ones
+            yield 1
+            together = weigh(proposal, [*frames, *later], watch.fps, known)
+            now, toggling = max(agreed, together, key=lambda weighed: weighed[0])
+            evidence = max(evidence, now - PRICE - float(np.log(2)))
+            proposal = replace(proposal, toggling=toggling)
+            yield 1
+        if evidence >= needed:
+            return proposal
+    return None
 
 
 def _by_parts(proposal: Proposal, frames: Sequence[HeldFrame]) -> Steps[Array]:
