@@ -222,45 +222,70 @@ def from_lines(gray: NDArray[np.uint8], limit: int, outside: float = SLACK) -> N
     ends = segments(gray)
     if len(ends) < 4:
         return np.empty((0, 4, 2))
-    diagonal = float(np.hypot(width, height))
-    lines, covered = merge_segments(ends, diagonal)
+    lines, covered = merge_segments(ends, float(np.hypot(width, height)))
+    t, corner, usable = _crossings(lines, width, height, outside)
+    cover = _cover(covered, t)
+    long = np.abs(t[:, :, None] - t[:, None, :]) > LEAST_SIDE * np.sqrt(width * height)
+    sides = usable[:, :, None] & usable[:, None, :] & (cover >= MIN_SIDE_COVER) & long
+    a, b, c, d = _quadruples(sides)
+    of_sides = [cover[a, c, d], cover[b, c, d], cover[c, a, b], cover[d, a, b]]
+    mean, least = sum(of_sides) / 4, np.minimum.reduce(of_sides)
+    quads = np.stack([corner[a, c], corner[a, d], corner[b, d], corner[b, c]], axis=1)
+    quads = np.where(signed_areas(quads)[:, None, None] < 0, quads[:, ::-1], quads)
+    sound = (mean >= MIN_MEAN_COVER) & is_sound(quads, width, height, outside)
+    if outside > SLACK:
+        sound &= ~is_sound(quads, width, height)
+    quads, rank = upright(quads[sound]), (mean + least)[sound]
+    rank = rank + SIZE_BONUS * np.sqrt(signed_areas(quads) / (width * height))
+    return quads[distinct(quads, rank, limit, SAME_PX)]
+
+
+def _crossings(
+    lines: NDArray[np.float64], width: int, height: int, outside: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Find where (M, 4) lines, each a point and a direction, cross one another.
+
+    Returns:
+        (M, M) where the second line crosses the first, in pixels along the first from its point;
+        (M, M, 2) these crossings; and (M, M) whether they may be corners.
+    """
     point, axis = lines[:, :2], lines[:, 2:]
-    half = covered.shape[1] // 2
-    # where line j crosses line i, along i: t[i, j]
     cross = axis[:, None, 0] * axis[None, :, 1] - axis[:, None, 1] * axis[None, :, 0]
     apart = point[None] - point[:, None]
     safe = np.where(np.abs(cross) < 1e-6, 1e-6, cross)
     t = (apart[..., 0] * axis[None, :, 1] - apart[..., 1] * axis[None, :, 0]) / safe
     corner = point[:, None] + t[..., None] * axis[:, None]
-    slack = outside * diagonal
+    slack = outside * float(np.hypot(width, height))
     usable = np.abs(cross) > np.sin(np.radians(MIN_CROSSING_DEG))
     usable &= ((corner >= -slack) & (corner <= np.array([width, height]) + slack)).all(axis=2)
+    return t, corner, usable
+
+
+def _cover(covered: NDArray[np.float32], t: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Tell by which share segments cover a line between two others that cross it, (M, M, M).
+
+    Args:
+        covered: (M, T) covered length along each line, from `merge_segments`.
+        t: (M, M) where the second line crosses the first, pixels along the first.
+    """
+    half = covered.shape[1] // 2
     index = np.clip(np.rint(np.clip(t, -half, half)).astype(int) + half, 0, 2 * half - 1)
     run = np.take_along_axis(covered, index, axis=1)
-    # cover[i, k, l]: share of side i between k and l
     span = np.abs(t[:, :, None] - t[:, None, :])
-    cover = np.abs(run[:, :, None] - run[:, None, :]) / np.maximum(span, 1)
-    sides = (usable[:, :, None] & usable[:, None, :]) & (cover >= MIN_SIDE_COVER)
-    sides &= span > LEAST_SIDE * np.sqrt(width * height)
-    k, m = np.triu_indices(len(lines), 1)
+    return np.asarray(np.abs(run[:, :, None] - run[:, None, :]) / np.maximum(span, 1))
+
+
+def _quadruples(sides: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """List the four lines, (4, N), that bound a quadrilateral: two, and the two that cross them.
+
+    Args:
+        sides: (M, M, M) whether the first line may have a side between the others.
+    """
+    k, m = np.triu_indices(len(sides), 1)
     both = sides[:, k, m]  # (M, P): line i has a side between the lines of pair p
     match = both[k] & both[m]  # (P, P): both lines of pair q have a side between those of pair p
     q, p = np.nonzero(np.triu(match & match.T))
-    if not len(q):
-        return np.empty((0, 4, 2))
-    a, b, c, d = k[q], m[q], k[p], m[p]
-    mean = (cover[a, c, d] + cover[b, c, d] + cover[c, a, b] + cover[d, a, b]) / 4
-    least = np.minimum.reduce([cover[a, c, d], cover[b, c, d], cover[c, a, b], cover[d, a, b]])
-    keep = mean >= MIN_MEAN_COVER
-    a, b, c, d, rank = a[keep], b[keep], c[keep], d[keep], (mean + least)[keep]
-    quads = np.stack([corner[a, c], corner[a, d], corner[b, d], corner[b, c]], axis=1)
-    quads = np.where(signed_areas(quads)[:, None, None] < 0, quads[:, ::-1], quads)
-    sound = is_sound(quads, width, height, outside)
-    if outside > SLACK:
-        sound &= ~is_sound(quads, width, height)
-    quads, rank = upright(quads[sound]), rank[sound]
-    rank = rank + SIZE_BONUS * np.sqrt(signed_areas(quads) / (width * height))
-    return quads[distinct(quads, rank, limit, SAME_PX)]
+    return np.stack([k[q], m[q], k[p], m[p]])
 
 
 def from_contours(gray: NDArray[np.uint8]) -> NDArray[np.float64]:
