@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from link.frames import SoftBits
 from link.layout import block_index
 from link.observation import Observation
-from link.types import Image, Map
+from link.types import Array, Image, Map, Real
 from models import BlockDecoder
 from models.film.window import gray_frames
 
@@ -16,6 +16,11 @@ PURE_FROM, PURE_TO = 0.6, 0.95
 state is mixed with as much of its neighbours."""
 PURITY_POWER = 4
 """Exponent by which frames whose exposure is purer count more where a state is put together."""
+
+
+def trust_of_purity(purity: Real) -> Array:
+    """Say how far states of some purity are told apart, in [0, 1], of the shape of ``purity``."""
+    return np.asarray(np.clip((purity - PURE_FROM) / (PURE_TO - PURE_FROM), 0, 1), np.float64)
 
 
 def decode_by_pairs(decoder: BlockDecoder, film: Observation) -> SoftBits:
@@ -36,8 +41,8 @@ def decode_by_pairs(decoder: BlockDecoder, film: Observation) -> SoftBits:
     for number in range(film.mixture.count):
         original, embedded, purity = compose_pair(film, number)
         pair = Observation.still(original, embedded, layout, film.kappa, film.ratex_kappa)
-        trust = np.clip((purity - PURE_FROM) / (PURE_TO - PURE_FROM), 0, 1)
-        scores.append(decoder.decode(pair).scores * trust[layout.message_mask])
+        trust = trust_of_purity(purity)[layout.message_mask]
+        scores.append(decoder.decode(pair).scores * trust)
     return SoftBits(np.concatenate(scores))
 
 

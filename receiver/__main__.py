@@ -24,10 +24,10 @@ from models import find_graph
 from receiver.decoders import PairDecoder, WindowDecoder, open_decoders
 from receiver.events import Event, PlacedEvent
 from receiver.receiver import Receiver
+from receiver.seen import SeenFrame
 from receiver.show import draw_decoded_pair
 from receiver.sources import FPS_HELP, open_source
 from receiver.stream import EventStream, pair_event
-from receiver.tracking.patches import Tracked
 from receiver.tracking.two_images import find_in_both
 
 OF_FILMS = ("fps", "show", "out", "keep_on", "key", "max_age")
@@ -133,7 +133,7 @@ def read_stream(
     source = open_source(args.input[0], args.fps, args.max_megapixels)
     stream = EventStream(decoders, source.fps, verifier, args.scores, film)
     image: NDArray[np.uint8] | None = None
-    view: Tracked | None = None
+    view: SeenFrame | None = None
     shown = 0
     try:
         for frame in source.frames:
@@ -175,7 +175,7 @@ def write_pictures(
     number: int,
     stream: EventStream,
     image: NDArray[np.uint8],
-    view: Tracked | None,
+    view: SeenFrame | None,
 ) -> int:
     """Write an annotated picture of each pair that a camera frame brought.
 

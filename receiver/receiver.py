@@ -21,10 +21,12 @@ from link.types import Corners, Image
 from receiver.decoders import PairDecoder, WindowDecoder
 from receiver.diagnosis import Observations
 from receiver.reading.reader import DecodedPair, DisplayReader
-from receiver.reading.states import MESH, DisplayState
+from receiver.reading.states import DisplayState
 from receiver.repeats import Repeats
+from receiver.seen import MESH, SeenFrame, SeenFrames
 from receiver.sight import Sight, StageTimes
-from receiver.tracking.patches import Tracked, Tracker
+from receiver.tracking.judge import Judge
+from receiver.tracking.patches import Tracker
 from receiver.tracking.pilots import PilotTracker
 from receiver.tracking.two_images import state_change
 
@@ -34,20 +36,14 @@ DisplayTracker = Tracker | PilotTracker
 STILL = 2.0
 """Smallest change of the toggles between two images, in standard errors over patches or pilots, at
 which the images show different states."""
-STILL_S, STILL_FRAMES = 1.25, 36
-"""Time, in seconds, and number of frames for which a display with patches is followed without
-anything to read before others are looked for, too: a picture that shows patches may stand still."""
-AMISS_PAIRS = 64
-"""Number of frame pairs that are read in vain before a display with pilots is looked for anew: some
-of its corners may lie elsewhere."""
 
 
 @dataclass(frozen=True)
 class ReceiverStep:
     """What one camera frame brought."""
 
-    tracked: Tracked | None
-    """The display in the frame, or None where it was not found."""
+    tracked: SeenFrame | None
+    """The frame, if the display was seen in it, else None."""
     pairs: list[DecodedPair]
     """Frame pairs that could be decoded with this frame, in order."""
     message: Message | None
@@ -96,15 +92,16 @@ class Receiver:
         self._fps = fps
         self._repeats = Repeats()
         self._sight = Sight()
-        self._tracked: Tracked | None = None
+        self._seen = SeenFrames()
+        self._last: SeenFrame | None = None
         self._trackers = make_trackers(layouts, fps)
         self._readers = {
-            decoder.layout: DisplayReader(decoder, fps, self.timing, self._sight, film)
+            decoder.layout: DisplayReader(decoder, fps, self._seen, self.timing, film)
             for decoder in chosen
         }
         self._reader = self._readers[layouts[0]]
-        self._following: DisplayTracker | None = None
-        self._toggled = 0.0, 0, 0
+        self._followed: DisplayTracker | None = None
+        self._judge = Judge(layouts[0], fps, 0.0, 0, 0)
 
     @property
     def layout(self) -> Layout:
@@ -150,7 +147,7 @@ class Receiver:
             state_hz=sight.state_hz,
             exposed=sight.exposed,
             decoded=self.decoded,
-            mixed=sight.mixed / max(self.decoded, 1),
+            mixed=sum(reader.mixed for reader in self._readers.values()) / max(self.decoded, 1),
             progress=self.progress,
             presets=[name for name in map(preset_name, layouts) if name],
         )
@@ -169,57 +166,52 @@ class Receiver:
         self.frames += 1
         start = perf_counter()
         if self._repeats.is_repeat(frame):  # it was not exposed at this time
-            self.found += self._tracked is not None
-            return ReceiverStep(self._tracked, [], self._reader.go_on())
-        tracked = self._tracked = self._find(frame, time)
+            self.found += self._last is not None
+            return ReceiverStep(self._last, [], self._reader.go_on())
+        seen = self._last = self._find(frame, time)
         self.timing.add("track", start)
-        if tracked is None:
-            self._sight.miss(frame)
-            return ReceiverStep(None, [], self._reader.go_on())
-        self.found += 1
-        pairs, message = self._reader.take(tracked, time, frame.shape)
-        shift = self._reader.shift()
-        if shift is not None and self._following is not None:
-            self._following.correct(shift)
-        return ReceiverStep(tracked, pairs, message)
+        if seen is None:
+            step = ReceiverStep(None, [], self._reader.go_on())
+        else:
+            self.found += 1
+            step = ReceiverStep(seen, *self._reader.take(seen))
+        self._sight.take(frame, seen, self._reader.sync.clock)
+        return step
 
-    def _find(self, frame: NDArray[np.uint8], time: float) -> Tracked | None:
+    def _find(self, image: Image, time: float) -> SeenFrame | None:
         """Follow the display, or look for all layouts until one is found.
 
-        What is followed and stands still comes last, so that it keeps no other from being found.
+        What is followed comes first. If it is read in vain it comes last, so that it keeps no other
+        display from being found.
         """
-        followed, self._following = self._following, None
-        still = followed is not None and self._is_in_vain(followed, time)
-        if followed is not None and still:
-            followed.set_aside(time, forget=False)
-        trackers = sorted(self._trackers, key=lambda tracker: (tracker is followed) == still)
-        for tracker in trackers:
-            tracked = tracker.follow(frame, time)
-            if tracked is None:
+        followed, in_vain = self._followed, False
+        order = [tracker for tracker in self._trackers if tracker is not followed]
+        if followed is not None:
+            reads = self.synchronised and self.progress > 0
+            in_vain = self._judge.is_read_in_vain(time, self.frames, self.decoded, reads=reads)
+            if in_vain:
+                followed.set_aside(time, forget=False)
+            order.insert(len(order) if in_vain else 0, followed)
+        for tracker in order:
+            seen = tracker.follow(image, time)
+            if seen is None:
                 continue
-            self._following = tracker
-            self._readers[tracker.layout].prepare()
-            if followed is not None and tracker is not followed:
-                followed.set_aside(time, forget=True)
-            if tracker is not followed or (still and tracked.anew):
-                self._toggled = time, self.frames, self.decoded
-            if tracker.layout != self._reader.layout or (still and tracked.anew):
-                self._reader = self._readers[tracker.layout]
+            if tracker is followed and self._judge.has_stopped(seen, self._seen.toggles):
+                tracker.lose()
+                continue
+            elsewhere = in_vain and seen.anew
+            if tracker is not followed or elsewhere:
+                self._judge = Judge(seen.layout, self._fps, time, self.frames, self.decoded)
+                if followed is not None and tracker is not followed:
+                    followed.set_aside(time, forget=True)
+            if seen.layout != self._reader.layout or elsewhere:
+                self._reader = self._readers[seen.layout]
                 self._reader.restart()
-            return tracked
+            self._followed = tracker
+            self._reader.prepare()
+            return seen
+        self._followed = None
         return None
-
-    def _is_in_vain(self, followed: DisplayTracker, time: float) -> bool:
-        """Tell whether a display has been followed in vain for long.
-
-        What toggles around a picture with patches may give it a clock, but no bit of a message.
-        """
-        if self.synchronised and self.progress > 0:
-            self._toggled = time, self.frames, self.decoded
-        since, frames, decoded = self._toggled
-        if not followed.layout.ratex:
-            return self.decoded - decoded > AMISS_PAIRS
-        return time - since > STILL_S and self.frames - frames > STILL_FRAMES
 
     def decode_images(
         self,

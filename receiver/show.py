@@ -9,27 +9,27 @@ from link.layout import Layout
 from link.overlay import GREEN, RED, cross_block, frame_block, outline_display
 from link.types import Image
 from receiver.reading.reader import DecodedPair
-from receiver.tracking.patches import Tracked
+from receiver.seen import SeenFrame
 
 AMPLIFIED = 12
 """Gain of the shown difference between the frames of a pair."""
 
 
 def draw_decoded_pair(
-    image: Image, tracked: Tracked, pair: DecodedPair, layout: Layout
+    image: Image, seen: SeenFrame, pair: DecodedPair, layout: Layout
 ) -> NDArray[np.uint8]:
     """Draw four panels: camera frame, rectified original, difference, and decided blocks.
 
     Args:
         image: an `Image`, the camera frame after which the pair was decoded.
-        tracked: the display in it.
+        seen: where the display was seen in it.
         pair: what was decoded.
         layout: layout of the display.
 
     Returns:
         (2 height, 2 width, 3) uint8 RGB of the layout's size.
     """
-    scene = outline_display(image, tracked.corners, GREEN)
+    scene = outline_display(image, seen.corners, GREEN)
     scene = np.asarray(cv2.resize(scene, (layout.width, layout.height)), np.uint8)
     original, embedded = (as_rgb(state.image) for state in (pair.original, pair.embedded))
     difference = embedded.astype(np.float32) - original

@@ -6,7 +6,9 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
+from link.clock import DisplayClock
 from receiver.diagnosis import CLIPPED, CUT
+from receiver.seen import SeenFrame
 
 
 @dataclass
@@ -42,31 +44,26 @@ class Sight:
     """Time of the first frame with the display, seconds."""
     last: float = 0.0
     """Time of the last frame with the display, seconds."""
-    mixed: float = 0.0
-    """Sum over frame pairs of the share of the blocks' trust that mixed exposures cost."""
     state_hz: float | None = None
     """Number of states a second by the clock that was known last, or None where none was."""
     exposed: float = 0.0
     """Length of an exposure by that clock, in states."""
 
-    def miss(self, frame: NDArray[np.uint8]) -> None:
-        """Take a frame in which the display was not found."""
-        if not self.found:
-            self._measure(frame)
-
-    def see(
-        self, rectified: NDArray[np.uint8], time: float, in_view: NDArray[np.bool_] | None
+    def take(
+        self, frame: NDArray[np.uint8], seen: SeenFrame | None, clock: DisplayClock | None
     ) -> None:
-        """Take a frame in which the display was found."""
-        if not self.found:
-            self.found, self.first = True, time
-            self.measured, self.level, self.clipped = 0, 0.0, 0.0
-        self.last = time
-        self.cut += in_view is not None and float(in_view.mean()) < CUT
-        self._measure(rectified)
-
-    def _measure(self, image: NDArray[np.uint8]) -> None:
-        sample = image[::8, ::8]
+        """Take a camera frame, what is seen of the display in it, and the clock known by then."""
+        if seen is not None:
+            if not self.found:
+                self.found, self.first = True, seen.time
+                self.measured, self.level, self.clipped = 0, 0.0, 0.0
+            self.last = seen.time
+            self.cut += seen.in_view is not None and float(seen.in_view.mean()) < CUT
+            if clock is not None:
+                self.state_hz, self.exposed = 1 / clock.period, clock.shutter / clock.period
+        elif self.found:
+            return
+        sample = (frame if seen is None else seen.rectified)[::8, ::8]
         self.measured += 1
         self.level += float(sample.mean())
         self.clipped += float((sample >= CLIPPED).mean())

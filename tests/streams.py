@@ -11,12 +11,16 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from link.code.framing import encode
 from link.embed import embed
-from link.geometry import homography_from_corners
-from link.layout import Layout
+from link.geometry import frame_corners, homography_from_corners
+from link.layout import Layout, make_layout
 from link.types import Array, Image
+from receiver.seen import SeenFrame
+
+PATCHES = make_layout()
 
 
 def states_of(
@@ -93,6 +97,16 @@ def write_film(path: Path, images: Iterable[Image], fps: float = 30.0, codec: st
     assert writer is not None
     writer.release()
     return path
+
+
+def seen_frame(
+    time: float,
+    rectified: Image,
+    in_view: NDArray[np.bool_] | None = None,
+    layout: Layout = PATCHES,
+) -> SeenFrame:
+    """A frame with a display at some time, which shows an image there."""
+    return SeenFrame(layout, time, frame_corners(640, 480), rectified, in_view)
 
 
 def events_of(text: str) -> list[dict[str, Any]]:

@@ -1,24 +1,20 @@
 """Decode frame pairs from whole windows of a film, where the picture stands still in them.
 
-A `FilmDesk` keeps the last frames, shrunk. Now and then it hands a window of them to the film
-decoder (`models.film.decoder`), and takes back the scores of all frame pairs that ended in it.
+Now and then a `FilmDesk` hands a window of the last frames to the film decoder
+(`models.film.decoder`), and takes back the scores of all frame pairs that ended in it.
 """
 
-from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from link.clock import DisplayClock
 from link.code.scores import information_of
 from link.layout import Layout
 from link.observation import Observation, mixture_of_exposures
-from link.types import Array, Map
-from models.film.window import shrunk_gray
+from link.types import Array
 from receiver.decoders import WindowDecoder
-from receiver.reading.states import RectifiedFrame
+from receiver.seen import SeenFrame, SeenFrames
 
 WINDOW, FINE_WINDOW = 32, 24
 """Largest number of frames in a window, and in one of a fine grid, which takes longer."""
@@ -36,57 +32,27 @@ MISSED, FRESH_FRAMES = 1.5, 12
 """Number of nominal frames for each new one from which on frames were missed since the last window,
 and number of new frames that the next one then waits for: while windows are scored, a camera that
 does not wait gives none."""
-VAGUE = 0.05
-"""Information in bits a block below which the film's scores are compared with those of a pair,
-which says more where the picture moves."""
-
-
-@dataclass(frozen=True)
-class FilmFrame:
-    """What is kept of a camera frame."""
-
-    time: float
-    """Seconds of the camera's clock."""
-    gray: Map
-    """(h, w) float32 gray levels of the rectified display, shrunk."""
-    seen: Map
-    """(rows, cols) float32, 1 where the whole block lies within the camera frame, else 0."""
 
 
 class FilmDesk:
-    """Keeps frames of one display, and has frame pairs scored by windows of them.
+    """Has frame pairs of one display scored by windows of the frames in which it was seen.
 
     Args:
         layout: layout of the display, of which `models.film.window.reads_films` is true.
         decoder: the film decoder.
-        kept: number of frames that wait at most.
+        seen: the frames.
     """
 
-    def __init__(self, layout: Layout, decoder: WindowDecoder, kept: int) -> None:
+    def __init__(self, layout: Layout, decoder: WindowDecoder, seen: SeenFrames) -> None:
         self.layout = layout
-        self._decoder = decoder
-        self._frames: deque[FilmFrame] = deque(maxlen=kept)
-        self._scored_at = -np.inf
+        self.decoder, self._seen = decoder, seen
+        self.read_until = self._scored_at = -np.inf
+        """Time of the newest frame that no later window takes, seconds."""
         self._window = FINE_WINDOW if layout.rows * layout.cols > FINE_BLOCKS else WINDOW
 
-    def prepare(self) -> None:
-        """Get ready: frames will soon come."""
-        self._decoder.prepare()
-
-    def clear(self) -> None:
-        """Forget all frames: what comes shows another place, another picture, or another clock."""
-        self._frames.clear()
-        self._scored_at = -np.inf
-
-    def add(self, frame: RectifiedFrame) -> None:
-        """Keep a frame."""
-        layout = self.layout
-        seen = np.ones((layout.rows, layout.cols), np.float32)
-        if frame.in_view is not None:
-            in_view = frame.in_view.astype(np.float32)
-            shares = cv2.resize(in_view, (layout.cols, layout.rows), interpolation=cv2.INTER_AREA)
-            seen = (shares > 1 - 1e-6).astype(np.float32)
-        self._frames.append(FilmFrame(frame.time, shrunk_gray(frame.rectified), seen))
+    def begin_anew(self) -> None:
+        """Leave out all frames so far: what comes shows another place or another picture."""
+        self.read_until, self._scored_at = self._seen.newest, -np.inf
 
     def due(self, fps: float, waiting_s: float) -> bool:
         """Return whether it is time for the next window.
@@ -95,10 +61,11 @@ class FilmDesk:
             fps: nominal number of frames of the camera in a second.
             waiting_s: time, in seconds, for which the frame pairs that wait were displayed.
         """
-        if len(self._frames) < LEAST_FRAMES:
+        frames = self._seen.after(self.read_until)
+        if len(frames) < LEAST_FRAMES:
             return False
-        since = self._frames[-1].time - self._scored_at
-        fresh = sum(frame.time > self._scored_at for frame in self._frames)
+        since = frames[-1].time - self._scored_at
+        fresh = sum(frame.time > self._scored_at for frame in frames)
         missed = np.isfinite(since) and since * fps > MISSED * fresh
         return max(since, waiting_s) >= STRIDE_S and (fresh >= FRESH_FRAMES or not missed)
 
@@ -113,7 +80,7 @@ class FilmDesk:
             (n_bits,) scores by the number of the frame pair, for at least one of them if frames
             are left; the others wait for the next window.
         """
-        frames = list(self._frames)
+        frames = self._seen.after(self.read_until)
         spans = [_pairs_shown(clock, frame.time) for frame in frames]
         begin = next((at for at, span in enumerate(spans) if span[1] >= numbers[0]), 0)
         end = min(len(frames), max(begin + self._window, LEAST_FRAMES))
@@ -122,32 +89,32 @@ class FilmDesk:
         begin = max(0, end - self._window)
         while spans[end - 1][1] - spans[begin][0] >= MOST_PAIRS:
             begin += 1
-        window, now = frames[begin:end], frames[end - 1].time
+        now = frames[end - 1].time
         first, last = spans[begin][0], max(span[1] for span in spans[begin:end])
         over = np.inf if end == len(frames) else clock.number(now + clock.earliest) / 2
         done = [number for number in numbers if number <= min(last, over - 1)]
-        scores = self._decode(window, clock, first, last + 1 - first)
+        window = self._cut(frames[begin:end], clock, first, last)
+        scores = self.decoder.decode(window).scores.reshape(last + 1 - first, -1)  # (P n_bits,)
         self._scored_at = now
-        for _ in range(max(0, end - self._window)):
-            self._frames.popleft()
+        if end > self._window:
+            self.read_until = frames[end - self._window - 1].time
         unread = np.zeros(self.layout.n_bits)
         return {
             number: scores[number - first] if first <= number <= last else unread
             for number in done or numbers[:1]
         }
 
-    def _decode(
-        self, window: Sequence[FilmFrame], clock: DisplayClock, first: int, count: int
-    ) -> Array:
-        """Decode the ``count`` frame pairs from number ``first`` on: (count, n_bits) scores."""
-        times = np.array([frame.time for frame in window])
-        observation = Observation(
-            tuple(frame.gray for frame in window),
+    def _cut(
+        self, frames: Sequence[SeenFrame], clock: DisplayClock, first: int, last: int
+    ) -> Observation:
+        """Make a window of frames, which show parts of the frame pairs ``first`` to ``last``."""
+        times = np.array([frame.time for frame in frames])
+        return Observation(
+            tuple(frame.shrunk for frame in frames),
             self.layout,
-            mixture_of_exposures(clock, times, self.layout, first, count),
-            np.stack([frame.seen for frame in window]),
+            mixture_of_exposures(clock, times, self.layout, first, last + 1 - first),
+            np.stack([frame.blocks_in_view for frame in frames]),
         )
-        return self._decoder.decode(observation).scores.reshape(count, -1)  # (count n_bits,)
 
 
 def _pairs_shown(clock: DisplayClock, time: float) -> tuple[int, int]:

@@ -1,54 +1,23 @@
 """Put display states together from rectified camera frames."""
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import groupby, pairwise
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from link.clock import DisplayClock
-from link.geometry import homography_from_corners, in_image, transform
 from link.layout import Layout
-from link.types import Corners, Image
+from link.types import Array, Image
+from receiver.seen import MESH, PLACES, SeenFrame
 
 PURE = 0.97
 """Smallest share of an exposure in one state at which a pixel counts as pure."""
-MESH = 16
-"""Number of points along each side of the display at which exposure is worked out."""
-PLACES = np.stack(np.meshgrid(*2 * [(np.arange(MESH) + 0.5) / MESH]), axis=-1).reshape(
-    -1, 2
-)  # (MESH, MESH, 2) -> (MESH MESH, 2)
-"""Points of the display, x and y in [0, 1], at which exposure is worked out."""
-
-
-@dataclass(frozen=True)
-class RectifiedFrame:
-    """A rectified camera frame."""
-
-    time: float
-    """Seconds of the camera's clock."""
-    rectified: Image
-    """An `Image`."""
-    in_view: NDArray[np.bool_] | None = None
-    """(MESH, MESH) whether each point of the display lies within the camera frame; None where the
-    whole display does."""
-
-
-def points_in_view(corners: Corners, shape: tuple[int, ...]) -> NDArray[np.bool_] | None:
-    """Tell which points of the display lie within a camera frame.
-
-    Args:
-        corners: pixels of the camera frame.
-        shape: shape of the camera frame, height and width first.
-
-    Returns:
-        (MESH, MESH), or None where the whole display lies within the frame.
-    """
-    if in_image(corners, shape).all():
-        return None
-    H_captured_from_display = homography_from_corners(corners, MESH, MESH)
-    points = transform(H_captured_from_display, MESH * PLACES - 0.5)
-    return np.asarray(in_image(points, shape).reshape(MESH, MESH))
+APART = 4.0
+"""Smallest distance of the toggles' two levels, in standard deviations, at which images without a
+clock are told apart by their toggles."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +33,7 @@ class DisplayState:
 
 
 def compose_state(
-    frames: list[RectifiedFrame], clock: DisplayClock, number: int
+    frames: Iterable[SeenFrame], clock: DisplayClock, number: int
 ) -> DisplayState | None:
     """Average what camera frames hold of one state.
 
@@ -118,6 +87,36 @@ def compose_state(
     total /= _like(total, np.maximum(weights, 1e-3, out=weights))
     total += 0.5
     return DisplayState(total.astype(np.uint8), purity, len(used))
+
+
+def split_by_level(
+    frames: Sequence[SeenFrame], levels: Array
+) -> list[tuple[list[SeenFrame], list[SeenFrame]]]:
+    """Find the frame pairs in frames of one state each, which ends where the level changes.
+
+    Args:
+        frames: frames in order.
+        levels: (n,) toggles of the frames, high in embedded frames, gray levels.
+
+    Returns:
+        frames of the original and of the embedded state of each pair, in order; nothing where the
+        levels do not clearly lie about two levels.
+    """
+    high = levels > (levels.max() + levels.min()) / 2
+    if not high.any():  # all have one level
+        return []
+    spread = max(levels[high].std(), levels[~high].std(), 1e-6)
+    if levels[high].mean() - levels[~high].mean() < APART * spread:
+        return []
+    runs = groupby(zip(high, frames, strict=True), key=lambda each: bool(each[0]))
+    states = [(is_high, [frame for _, frame in run]) for is_high, run in runs]
+    return [(low, up) for (is_high, low), (_, up) in pairwise(states) if not is_high]
+
+
+def mean_state(frames: Sequence[SeenFrame]) -> DisplayState:
+    """Average frames of one state, all of them pure."""
+    mean = np.stack([frame.rectified for frame in frames]).mean(axis=0)
+    return DisplayState(np.asarray(mean + 0.5, np.uint8), np.ones((MESH, MESH)), len(frames))
 
 
 def unseen_state(other: DisplayState | None) -> DisplayState | None:

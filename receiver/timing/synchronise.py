@@ -1,28 +1,27 @@
 """Find the display's clock, follow it, hold it through weak spells, and find it again."""
 
-from collections import deque
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from link.clock import DisplayClock
 from link.pilot_code import PLAIN, PilotCode
-from link.types import Array
+from link.types import Real
 from receiver.pilots.code import CLOCK_ERROR, RIVAL, clocks_tried
 from receiver.timing.fit import ClockFit, ToggleWindow
 from receiver.timing.toggles import Toggles
 
 MIN_WINDOW_S, WINDOW_S = 0.3, 4.0
 """Seconds of toggles that the first fit needs, and that a later fit looks back."""
-MAX_SAMPLES = 1024
-"""Largest number of frames that a fit looks back: the work of a search grows with its square."""
 MIN_FRAMES = 20
 """Number of frames that the first fit needs: some clock fits one in a hundred orders of fewer."""
 CODED_WINDOW = (12, 0.1)
 """Number of frames and seconds that the first fit needs where a code tells the clock."""
 AWAY_S = 0.4
 """Seconds without a frame after which what comes may belong to another time: the display was lost,
-and where a film had begun anew meanwhile, older frames no longer fit. They are dropped once there
+and where a film had begun anew meanwhile, older frames no longer fit. They are left out once there
 are enough new ones."""
 REFIT_S, SEEK_S = 0.5, 0.25
 """Seconds from one fit to the next while the clock is known, and while it is not. A clock that is
@@ -115,8 +114,6 @@ class Synchroniser:
         """Number of times that the numbers of the states began anew."""
         self.best: Toggling | None = None
         """The strongest toggling of all windows so far, or None before the first fit."""
-        self._samples: deque[tuple[float, Array]] = deque(maxlen=MAX_SAMPLES)
-        self._back_at: float | None = None  # since when frames come again
         self._fitted_at = self._searched_at = self._confirmed_at = -np.inf
         self._fit: tuple[ClockFit, float] | None = None
 
@@ -128,37 +125,27 @@ class Synchroniser:
         wander = WANDER * (time - middle) / self.clock.period
         return float(np.hypot(fit.phase_error(time - middle), wander))
 
-    def add(self, time: float, values: Array, *, fit: bool = True) -> None:
-        """Take what was measured in one frame, and fit the clock where it is time.
+    def update(self, toggles: Iterable[tuple[float, Real]], time: float) -> None:
+        """Fit the clock to the newest toggles where it is time, and give up what nothing confirms.
 
         Args:
-            time: time of the frame, seconds; later than before.
-            values: (V,) as `Toggles.measure` gives them; NaN where a place is unseen.
-            fit: whether the clock may be fitted now.
+            toggles: times of the newest frames, rising, and what they show of the toggling, (V,)
+                each, as `receiver.seen.SeenFrames.toggles` has them.
+            time: time of the newest frame, seconds.
         """
-        if np.isfinite(values).any():
-            if self._samples and time - self._samples[-1][0] > AWAY_S:
-                self._back_at = time
-            self._samples.append((time, values))
-        oldest = time - WINDOW_S
-        if self._back_at is not None and time - self._back_at >= MIN_WINDOW_S:
-            fresh = sum(at >= self._back_at for at, _ in self._samples)
-            if fresh >= MIN_FRAMES:
-                oldest, self._back_at = max(oldest, self._back_at), None
-        while self._samples and self._samples[0][0] < oldest:
-            self._samples.popleft()
+        recent = without_stale([each for each in toggles if each[0] >= time - WINDOW_S])
         unconfirmed = time - self._confirmed_at
         overdue = self._fit is not None and unconfirmed > 2 * REFIT_S
         unsure = overdue and self.phase_error(time) > MAX_PHASE_ERROR
         if unsure or unconfirmed > HOLD_S:
             self.clock = None
         frames, seconds = (MIN_FRAMES, MIN_WINDOW_S) if self._code == PLAIN else CODED_WINDOW
-        begun = self._samples[0][0] if self._samples else time
-        enough = len(self._samples) >= frames and time - begun >= seconds
+        begun = recent[0][0] if recent else time
+        enough = len(recent) >= frames and time - begun >= seconds
         pause = SEEK_S if self.clock is None else min(REFIT_S, (self._fitted_at - begun) / 2)
-        if fit and enough and time >= self._fitted_at + pause:
+        if enough and time >= self._fitted_at + pause:
             self._fitted_at = time
-            self._update(time)
+            self._fit_to(recent, time)
 
     def begin(self, clock: DisplayClock, time: float) -> None:
         """Take the clock with which the display was found.
@@ -170,9 +157,9 @@ class Synchroniser:
         self.clock, self._confirmed_at, self._fit = clock, time, None
         self.slips += 1
 
-    def _update(self, time: float) -> None:
+    def _fit_to(self, recent: Sequence[tuple[float, Real]], time: float) -> None:
         """Fit the clock to the last seconds, and look for another one where that is in doubt."""
-        times, values = (np.array(column) for column in zip(*self._samples, strict=True))
+        times, values = (np.array(column) for column in zip(*recent, strict=True))
         toggles = self.toggles.over_time(values)
         window = ToggleWindow(times, toggles, self.toggles.places, self.fps, self._code)
         if window.places_seen == 0 or window.state_hz.size == 0:
@@ -188,7 +175,7 @@ class Synchroniser:
             sure = followed.evidence >= needed and followed.r2 >= GOOD_R2
             lately = time < self._searched_at + SEARCH_S
             if sure or (lately and followed.evidence >= CONFIRMED):
-                self._adopt(followed, window, time)
+                self._adopt(followed, window, times[0], time)
                 return
         found = window.search()
         self._searched_at = time
@@ -198,11 +185,11 @@ class Synchroniser:
         if followed is not None and followed.evidence >= CONFIRMED:
             lead = found.evidence - followed.evidence
             if lead < max(CLEARLY, SHARE * followed.evidence) or found.evidence < needed:
-                self._adopt(followed, window, time)
+                self._adopt(followed, window, times[0], time)
                 return
         wanted = CONFIRMED if self._agrees(found, window) else needed
         if found.evidence >= wanted and found.amplitude >= MIN_TOGGLE:
-            self._adopt(found, window, time)
+            self._adopt(found, window, times[0], time)
 
     def _agrees(self, found: ClockFit, window: ToggleWindow) -> bool:
         """Tell whether a clock that was found is about the one with which the display was found.
@@ -230,22 +217,37 @@ class Synchroniser:
         start = self.clock.start + number * self.clock.period - window.middle
         return window.follow(replace(self.clock, start=start))
 
-    def _adopt(self, fit: ClockFit, window: ToggleWindow, time: float) -> None:
+    def _adopt(self, fit: ClockFit, window: ToggleWindow, begun: float, time: float) -> None:
         """Take a fitted clock; states keep their numbers where it goes on from the held one."""
         clock = replace(fit.clock, start=fit.clock.start + window.middle)
         if self.clock is None:
             self.slips += 1
         else:
-            ends = [
-                _number_seen(clock, at) - _number_seen(self.clock, at)
-                for at in (self._samples[0][0], time)
-            ]
+            ends = [_number_seen(clock, at) - _number_seen(self.clock, at) for at in (begun, time)]
             again = 2 * self._code.period
             shift = again * round(ends[1] / again)
             clock = replace(clock, start=clock.start + shift * clock.period)
             self.slips += int(max(abs(end - shift) for end in ends) > SAME)
         self.clock = clock
         self._fit, self._confirmed_at = (fit, window.middle), time
+
+
+def without_stale(toggles: Sequence[tuple[float, Real]]) -> Sequence[tuple[float, Real]]:
+    """Leave out what was seen before a pause of `AWAY_S`, if enough was seen after it.
+
+    Args:
+        toggles: times of frames, seconds, rising, and what they show.
+
+    >>> seen = [(number / 30, np.zeros(5)) for number in (*range(30), *range(60, 90))]
+    >>> [len(without_stale(seen[:count])) for count in (30, 49, 50, 60)]
+    [30, 49, 20, 30]
+    """
+    times = np.array([time for time, _ in toggles])
+    begun = [0, *(np.flatnonzero(np.diff(times) > AWAY_S) + 1), len(times)]
+    for first, end in reversed([*pairwise(begun)]):
+        if end - first >= MIN_FRAMES and times[end - 1] - times[first] >= MIN_WINDOW_S:
+            return toggles[first:]
+    return toggles
 
 
 def _number_seen(clock: DisplayClock, time: float) -> float:

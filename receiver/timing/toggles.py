@@ -4,15 +4,12 @@ Of ratex patches these are tiles of label 1 and their twins of label 0; of layou
 these are pilots of bit 1 and of bit 0.
 """
 
-from typing import Protocol
-
 import numpy as np
-from numpy.typing import NDArray
 
 from link.layout import Layout
-from link.pilots import pilot_signs, pilot_values
-from link.ratex import CLEAR_MATCH, match_patches, patch_centres
-from link.types import Array, Image
+from link.pilots import pilot_signs
+from link.ratex import CLEAR_MATCH, PatchMatch, patch_centres
+from link.types import Array, Real
 
 PARTS = (4, 4)
 """Number of parts of the display, from top to bottom and from left to right, over each of which the
@@ -22,39 +19,22 @@ LEAST_VARIANCE = 0.1
 frames of a short window do not make single pilots weigh all."""
 
 
-def patch_toggles(frame: Image, layout: Layout) -> NDArray[np.float64]:
+def patch_toggles(match: PatchMatch) -> Array:
     """Measure how much brighter tiles of label 1 are than their twins of label 0, in each patch.
 
     No change of exposure can mimic this, because both tiles of a pair of twins show the same
     intensity.
 
     Args:
-        frame: an `Image`, rectified.
-        layout: layout with at least one patch.
+        match: how the patches look in a rectified frame.
 
     Returns:
         (patches,) in displayed gray levels, as the patch's own contrast tells; NaN where something
         covers the patch.
     """
-    match = match_patches(frame, layout)
     gain = (match.captured * match.shown).sum(axis=1) / (match.shown**2).sum(axis=1)
     contrast = np.where(match.correlation > CLEAR_MATCH, gain, np.nan)
     return np.asarray(2 * (match.captured * (2 * match.label - 1)).mean(axis=1) / contrast)
-
-
-class Toggles(Protocol):
-    """Measures the toggling at some places of the display, from which its clock is found."""
-
-    places: Array
-    """(P, 2) x and y on the display, in [0, 1]."""
-
-    def measure(self, rectified: NDArray[np.uint8]) -> Array:
-        """Measure what a rectified frame shows of the toggling: (V,) values; NaN where unseen."""
-        ...
-
-    def over_time(self, values: Array) -> Array:
-        """Turn the (n, V) values of n frames into their (n, P) toggles, in gray levels."""
-        ...
 
 
 class PatchToggles:
@@ -65,16 +45,12 @@ class PatchToggles:
     """
 
     def __init__(self, layout: Layout) -> None:
-        self.layout = layout
         self.places = patch_centres(layout)
+        """(P, 2) x and y of the patches on the display, in [0, 1]."""
 
-    def measure(self, rectified: NDArray[np.uint8]) -> Array:
-        """Measure the (patches,) toggles in a rectified frame."""
-        return patch_toggles(rectified, self.layout)
-
-    def over_time(self, values: Array) -> Array:
+    def over_time(self, values: Real) -> Array:
         """Return the (n, patches) toggles as they are."""
-        return values
+        return np.asarray(values, np.float64)
 
 
 class PilotToggles:
@@ -89,28 +65,29 @@ class PilotToggles:
     """
 
     def __init__(self, layout: Layout) -> None:
-        self.layout = layout
         row, col = np.divmod(layout.pilot_blocks, layout.cols)
         rows, cols = min(PARTS[0], layout.rows), min(PARTS[1], layout.cols)
         part = (row * rows // layout.rows) * cols + col * cols // layout.cols
         taken, self._part = np.unique(part, return_inverse=True)
         at_row, at_col = np.divmod(taken, cols)
         self.places = np.stack([(at_col + 0.5) / cols, (at_row + 0.5) / rows], axis=1)
+        """(P, 2) x and y of the parts on the display, in [0, 1]."""
         parts = np.arange(len(taken))
         self._signs_of_parts = pilot_signs(layout)[:, None] * (self._part[:, None] == parts)
 
-    def measure(self, rectified: NDArray[np.uint8]) -> Array:
-        """Measure how much each of the (pilots,) stands out, in captured gray levels."""
-        return pilot_values(rectified, self.layout).astype(np.float64)
-
-    def over_time(self, values: Array) -> Array:
+    def over_time(self, values: Real) -> Array:
         """Average the (n, pilots) values of n frames: (n, P) toggles, in captured gray levels."""
-        apart = values - values.mean(axis=0)
+        series = np.asarray(values, np.float64)
+        apart = series - series.mean(axis=0)
         weights = 1 / ((apart**2).mean(axis=0) + LEAST_VARIANCE)
         sums = (apart * weights) @ self._signs_of_parts
         return np.asarray(2 * sums / np.bincount(self._part, weights))
 
 
+Toggles = PatchToggles | PilotToggles
+"""Knows the toggling at some places of the display, from which its clock is found."""
+
+
 def make_toggles(layout: Layout) -> Toggles:
-    """Make what measures the toggling of a layout with patches or pilots."""
+    """Make what knows the toggling of a layout with patches or pilots."""
     return PilotToggles(layout) if layout.pilots else PatchToggles(layout)

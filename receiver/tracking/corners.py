@@ -6,6 +6,9 @@ the eight numbers of a homography are followed by a Kalman filter, whose measure
 of every pixel, linear in small motions of what should be there (Lucas & Kanade 1981).
 """
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +16,7 @@ from numpy.typing import NDArray
 from link.images import as_gray
 from link.layout import Layout
 from link.pilots import expected_changes
-from link.types import Array, Image, Map
+from link.types import Array, Homography, Image, Map
 from receiver.pilots.motion import (
     UNIT_CORNERS,
     GridMaps,
@@ -43,35 +46,49 @@ DECIMALS = 9
 change with where memory lies, and without them a film is read alike each time."""
 
 
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Where a display was known to lie when a frame was rectified."""
+
+    shift: "CornerShift"
+    """What says where the display lies, and learns from the frame."""
+    total: Array
+    """(8,) sum of all moves by then, numbers of a homography of a display from -1 to 1."""
+    H_followed_from_shown: Homography
+    """Homography, in layout pixels, to the display as it is followed from where it lies."""
+
+
 class CornerShift:
-    """Compares decoded frame pairs with what was seen.
+    """Says where a display that was found lies, as its decoded frame pairs tell.
 
     Args:
-        layout: layout of the display, which is never moved where it has no pilots.
+        layout: layout of the display, with pilots.
     """
 
     def __init__(self, layout: Layout) -> None:
         self.layout = layout
-        self.total: Array = np.zeros(8)
-        """(8,) sum of all moves so far, numbers of a homography of a display from -1 to 1."""
-        self._shift: Array | None = None
+        self.placement = Placement(self, np.zeros(8), np.eye(3))
+        """Where the display is known to lie now."""
         self._maps = GridMaps(layout, map_size(layout))
         block = 2 * max(1 / layout.cols, 1 / layout.rows)
         self._information = np.eye(8) / (FIRST_BLOCKS * block) ** 2
 
-    def take(self, original: Image, embedded: Image, scores: Array, total: Array) -> None:
+    def take(
+        self, original: Image, embedded: Image, scores: Array, placements: Sequence[Placement]
+    ) -> None:
         """Take a frame pair and its scores.
 
         Args:
             original: an `Image`, rectified.
             embedded: an `Image` of the shape of ``original``.
             scores: (n_bits,) log-likelihood ratios.
-            total: (8,) value of `total` when the frames were rectified. What they show to be amiss
-                may have been put right since.
+            placements: those of the pair's frames. What the pair shows to be amiss may have been
+                put right since. Nothing is learned of a pair some of whose frames are of a display
+                that was found at another time.
         """
-        layout, maps = self.layout, self._maps
-        if not layout.pilots:
+        if any(placement.shift is not self for placement in placements):
             return
+        layout, maps = self.layout, self._maps
         first, second = (
             cv2.resize(as_gray(image), maps.size, interpolation=cv2.INTER_AREA)
             for image in (original, embedded)
@@ -93,7 +110,8 @@ class CornerShift:
         seen, right = equations.normal()
         sure = 1 / max(variance, 1e-6)
         self._information = KEPT * self._information + sure * seen
-        left = -right - seen @ (self.total - total)
+        before = np.mean([placement.total for placement in placements], axis=0)
+        left = -right - seen @ (self.placement.total - before)
         move = np.asarray(np.linalg.solve(self._information, sure * left), np.float64)
         move = move.round(DECIMALS)
         moved = cv2.perspectiveTransform(UNIT_CORNERS[:, None], unit_homography(move))[:, 0]
@@ -101,13 +119,8 @@ class CornerShift:
         if (np.abs(moved) < 2 * FAR_BLOCKS / np.array([layout.cols, layout.rows])).all():
             from_unit = pixels_from_unit(layout.width, layout.height)
             shift = from_unit @ unit_homography(move) @ np.linalg.inv(from_unit)
-            self._shift = shift if self._shift is None else self._shift @ shift
-            self.total = self.total + move
-
-    def shift(self) -> Array | None:
-        """Return, once, the (3, 3) ``H_old_from_new`` in layout pixels that is known anew."""
-        shift, self._shift = self._shift, None
-        return shift
+            H = self.placement.H_followed_from_shown @ shift
+            self.placement = Placement(self, self.placement.total + move, H / H[2, 2])
 
     def _expected(self, scores: Array) -> NDArray[np.float32]:
         """Draw the expected change of every block, from -1 to 1, smooth and without slope."""

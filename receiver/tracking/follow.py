@@ -17,7 +17,10 @@ from link.images import as_gray
 from link.layout import Layout
 from link.types import Array, Corners, Image
 from receiver.locate.refine import OUTSIDE
+from receiver.pilots.motion import moved_corners
 from receiver.pilots.stabilise import Stabiliser
+from receiver.seen import SeenFrame, points_in_view
+from receiver.tracking.corners import CornerShift
 
 FEATURES = 160
 """Number of points that are followed, half of them on ratex patches where there are any. At half
@@ -53,6 +56,7 @@ class Follower:
     def __init__(self, layout: Layout, k: float = 0.0, *, picture_moves: bool = False) -> None:
         self.layout, self._k = layout, k
         self._picture_moves = picture_moves
+        self._shift = CornerShift(layout) if layout.pilots else None
         self._room: Stabiliser | None = None
         self.corners: Array | None = None
         """(4, 2) pixels of the last frame, in corner order, or None where nothing is followed."""
@@ -78,6 +82,25 @@ class Follower:
         size, lens = (self.layout.width, self.layout.height), self.lens(image)
         return rectify(image, lens.homography(corners, *size), *size, lens)
 
+    def see(self, image: Image, time: float, corners: Corners) -> SeenFrame | None:
+        """Rectify the display where it lies, or return None where the corners are not sound.
+
+        Args:
+            image: an `Image`.
+            time: time of the frame, seconds.
+            corners: pixels of the image, as followed. Decoded blocks may have told meanwhile that
+                the display lies elsewhere (`CornerShift`), as seen from there.
+        """
+        placement = None if self._shift is None else self._shift.placement
+        if placement is not None:
+            H, lens = placement.H_followed_from_shown, self.lens(image)
+            corners = moved_corners(corners, H, self.layout, lens)
+        rectified = self.rectified(image, corners)
+        if rectified is None:
+            return None
+        in_view = points_in_view(corners, image.shape)
+        return SeenFrame(self.layout, time, corners, rectified, in_view, placement)
+
     def begin(self, image: Image, corners: Array, rectified: Image) -> None:
         """Take a frame, and the display rectified by its corners, as the reference."""
         if self.corners is None:
@@ -94,10 +117,6 @@ class Follower:
         if self.corners is not None:
             self._motion = 0.5 * (corners - self.corners)
         self.corners = corners
-
-    def forget(self) -> None:
-        """Follow nothing any more."""
-        self.corners = None
 
     def step(self, image: Image) -> tuple[Array, bool] | None:
         """Find the display in the next frame.

@@ -5,24 +5,23 @@ frames, so it goes in steps (`link.steps`), of which each frame takes some. What
 in the frame with which it began is then looked for once more in the frame at hand.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.clock import DisplayClock
 from link.errors import InputError
 from link.geometry import frame_corners
 from link.images import as_gray
 from link.layout import Layout
-from link.ratex import match_patches
 from link.steps import Steps
-from link.types import Corners, Homography, Image
+from link.types import Corners, Image
 from receiver.locate.candidates import Located
 from receiver.locate.find import is_at, search_steps
 from receiver.locate.patches import image_pyramid, patches_in_view, seen_correlation
 from receiver.locate.refine import corners_on_patches, needed_correlation
+from receiver.seen import SeenFrame
 from receiver.tracking.follow import Follower
 
 FOLLOWED_CORRELATION = 0.7
@@ -41,24 +40,6 @@ CHANGED_LEVELS, CHANGED_SHARE = 16.0, 0.03
 pixels at which the image counts as changed: the smallest display that is found covers as much."""
 ASIDE_S = 10.0
 """Time, in seconds, for which a place that was set aside is not found again."""
-
-
-@dataclass(frozen=True)
-class Tracked:
-    """The display in one camera frame."""
-
-    corners: Corners
-    """Pixels of the camera frame."""
-    rectified: Image
-    """An `Image`, of the layout's size."""
-    anew: bool = False
-    """Whether the display was just found at a place of which nothing is known from the frames
-    before: by its pilots, or elsewhere than what was followed so far."""
-    before: tuple[tuple[float, "Tracked"], ...] = ()
-    """Times, in seconds, of frames before this one in which the display lies, too, and the display
-    in them; of one that was just found by its pilots."""
-    clock: DisplayClock | None = None
-    """When the display shows which state, of one that was just found by its pilots' code."""
 
 
 class Tracker:
@@ -100,22 +81,14 @@ class Tracker:
             self._aside, self._elsewhere = [*kept, (time, corners)], True
             self._is_quick = False
         if forget:
-            self._forget()
+            self.lose()
 
-    def correct(self, H_old_from_new: Homography) -> None:
-        """Do nothing: patches are seen in each frame, and say where the display lies.
-
-        Args:
-            H_old_from_new: in layout pixels; says where points of the display lie in the
-                image rectified so far.
-        """
-
-    def _forget(self) -> None:
+    def lose(self) -> None:
         """Follow nothing any more."""
-        self._follower.forget()
+        self._follower.corners = None
         self._search, self._is_quick = None, True
 
-    def follow(self, image: Image, time: float) -> Tracked | None:
+    def follow(self, image: Image, time: float) -> SeenFrame | None:
         """Find the display in the next frame.
 
         Args:
@@ -132,14 +105,14 @@ class Tracker:
             found = None
             if step is not None:
                 self._follower.advance(step[0])
-                found = self._accept(image, step[0], fresh=step[1])
+                found = self._accept(image, time, *step)
             if found is not None:
-                other = self._look(image) if elsewhere else None
+                other = self._look(image, time) if elsewhere else None
                 return found if other is None else replace(other, anew=True)
-            self._forget()
-        return self._look(image)
+            self.lose()
+        return self._look(image, time)
 
-    def _look(self, image: NDArray[np.uint8]) -> Tracked | None:
+    def _look(self, image: NDArray[np.uint8], time: float) -> SeenFrame | None:
         """Take some steps of a search, and begin one where none is under way."""
         if self._searched != image.shape[:2]:
             self._search = None
@@ -147,7 +120,7 @@ class Tracker:
         if self._search is None:
             self._searched = image.shape[:2]
             whole = frame_corners(image.shape[1], image.shape[0])  # a screenshot, or rectified
-            found = None if self._is_aside(whole) else self._accept(image, whole, fresh=True)
+            found = None if self._is_aside(whole) else self._accept(image, time, whole, True)
             if found is not None:
                 return found
             self._search = self._begun(image)
@@ -167,7 +140,7 @@ class Tracker:
                 corners, seen = corners_on_patches(image, pyramid, corners, self.layout)
                 if seen < needed_correlation(self.layout):
                     return None
-            return None if self._is_aside(corners) else self._accept(image, corners, fresh=True)
+            return None if self._is_aside(corners) else self._accept(image, time, corners, True)
         return None
 
     def _begun(self, image: NDArray[np.uint8]) -> Steps[Located | None]:
@@ -181,35 +154,30 @@ class Tracker:
     def _work_limit(self, image: NDArray[np.uint8]) -> int:
         """Say after how many units of work this frame takes no further step of the search."""
         self._saved = min(self._saved + SAVED_WORK, MOST_SAVED)
-        if not self._is_quick and self._saved > 0 and self._has_changed(image):
-            # what was looked at is no longer what is seen
-            self._search, self._is_quick = self._begun(image), True
+        if not self._is_quick and self._saved > 0:
+            gray = as_gray(image[::4, ::4])
+            small = cv2.resize(gray, (THUMBNAIL_PX, THUMBNAIL_PX), interpolation=cv2.INTER_AREA)
+            if self._thumbnail is None:  # of the image with which the slow searches begin
+                self._thumbnail = np.asarray(small, np.float32)
+            changed = np.abs(small - self._thumbnail) > CHANGED_LEVELS
+            if changed.mean() >= CHANGED_SHARE:  # what was looked at is no longer what is seen
+                self._search, self._is_quick = self._begun(image), True
         if not self._is_quick:
             return SLOW_WORK
         self._thumbnail = None
         self._saved -= QUICK_WORK
         return QUICK_WORK
 
-    def _has_changed(self, image: NDArray[np.uint8]) -> bool:
-        """Tell whether a frame differs from the one with which the slow searches began."""
-        gray = as_gray(image[::4, ::4])
-        small = cv2.resize(gray, (THUMBNAIL_PX, THUMBNAIL_PX), interpolation=cv2.INTER_AREA)
-        if self._thumbnail is None:
-            self._thumbnail = np.asarray(small, np.float32)
-        changed = np.abs(small - self._thumbnail) > CHANGED_LEVELS
-        return bool(changed.mean() >= CHANGED_SHARE)
-
     def _accept(
-        self, image: NDArray[np.uint8], corners: NDArray[np.float64], *, fresh: bool
-    ) -> Tracked | None:
+        self, image: NDArray[np.uint8], time: float, corners: Corners, fresh: bool
+    ) -> SeenFrame | None:
         """Believe that the display is there if its patches are seen."""
-        rectified = self._follower.rectified(image, corners)
-        if rectified is None:
+        seen = self._follower.see(image, time, corners)
+        if seen is None:
             return None
         in_view = patches_in_view(corners, self.layout, image.shape)
-        seen = seen_correlation(match_patches(rectified, self.layout).correlation, in_view)
-        if seen < FOLLOWED_CORRELATION:
+        if seen_correlation(seen.match.correlation, in_view) < FOLLOWED_CORRELATION:
             return None
         if fresh:
-            self._follower.begin(image, corners, rectified)
-        return Tracked(corners, rectified)
+            self._follower.begin(image, corners, seen.rectified)
+        return seen

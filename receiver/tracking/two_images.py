@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from link.layout import Layout
 from link.pilots import pilots_toggled
+from link.ratex import match_patches
 from link.types import Corners, Image
 from receiver.locate.find import locate
 from receiver.pilots.search.pilot_search import PilotDisplay, PilotSearch
@@ -80,7 +81,8 @@ def state_change(first: Image, second: Image, layout: Layout) -> float:
     """
     if layout.pilots:
         return pilots_toggled(first, second, layout)
-    gain: NDArray[np.float64] = patch_toggles(second, layout) - patch_toggles(first, layout)
+    before, after = (patch_toggles(match_patches(image, layout)) for image in (first, second))
+    gain: NDArray[np.float64] = after - before
     gain = gain[np.isfinite(gain)]
     if gain.size == 0:
         return 0.0

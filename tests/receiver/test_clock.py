@@ -7,12 +7,15 @@ import numpy as np
 import pytest
 from conftest import cases, slow
 from numpy.typing import ArrayLike
+from streams import seen_frame
 
 from link.clock import DisplayClock, embedded_share
 from link.embed import embed
 from link.layout import make_layout
+from link.ratex import match_patches
 from link.types import Array
-from receiver.reading.states import RectifiedFrame, compose_state
+from receiver.reading.states import compose_state
+from receiver.seen import SeenFrames
 from receiver.timing.fit import ToggleWindow
 from receiver.timing.synchronise import (
     AWAY_S,
@@ -52,13 +55,16 @@ def test_the_toggle_is_kappa_between_the_frames_and_blind_to_exposure() -> None:
     rng = np.random.default_rng(0)
     picture = np.full((layout.height, layout.width), 128, np.uint8)
     shown = embed(picture, rng.integers(0, 2, layout.n_bits), layout, 5)
-    before, after = (patch_toggles(frame, layout) for frame in (shown.original, shown.embedded))
+    before, after = (
+        patch_toggles(match_patches(frame, layout)) for frame in (shown.original, shown.embedded)
+    )
     assert after - before == pytest.approx(np.full(5, 5.0), abs=0.15)
     brighter = (1.1 * shown.original.astype(float)).clip(0, 255).astype(np.uint8)
-    assert patch_toggles(brighter, layout) == pytest.approx(before, abs=0.3)
+    assert patch_toggles(match_patches(brighter, layout)) == pytest.approx(before, abs=0.3)
     covered = shown.embedded.copy()
     covered[: layout.height // 8, : layout.width // 8] = 90
-    assert np.isnan(patch_toggles(covered, layout)).tolist() == [True, False, False, False, False]
+    hidden = np.isnan(patch_toggles(match_patches(covered, layout)))
+    assert hidden.tolist() == [True, False, False, False, False]
 
 
 @cases(
@@ -74,10 +80,9 @@ def test_the_clock_is_found_in_noisy_toggles(
     rng = np.random.default_rng(1)
     true = DisplayClock(1 / state_hz, 0.123, *delays, 0.5 / fps)
     sync = Synchroniser(fps, PATCHES)
-    for number in range(int(4 * fps)):
-        time = number / fps
-        wave = embedded_share(np.array([astuple(true)]), np.array([time]), PLACES)[0, :, 0]
-        sync.add(time, 3 * wave + rng.normal(0, 0.4, 5) + [1, 5, -3, 0, 2])
+    times = np.arange(int(4 * fps)) / fps
+    wave = embedded_share(np.array([astuple(true)]), times, PLACES)[0].T
+    listen(sync, times, 3 * wave + rng.normal(0, 0.4, wave.shape) + [1, 5, -3, 0, 2])
     assert sync.clock is not None
     assert sync._fit is not None and sync._fit[0].r2 > 0.8
     assert sync.clock.period == pytest.approx(true.period, rel=0.004)
@@ -88,12 +93,13 @@ def test_the_clock_is_found_in_noisy_toggles(
 def test_states_keep_their_numbers_for_a_minute() -> None:
     rng = np.random.default_rng(2)
     true = DisplayClock(1 / 15.1, 0.123, 0.002, 0.01, 0.016)
-    sync = Synchroniser(30, PATCHES)
+    seen, sync = SeenFrames(), Synchroniser(30, PATCHES)
     offsets, slips = [], 0
     for number in range(60 * 30):
         time = number / 30
         wave = embedded_share(np.array([astuple(true)]), np.array([time]), PLACES)[0, :, 0]
-        sync.add(time, 3 * wave + rng.normal(0, 0.4, 5))
+        seen.toggles.append((time, 3 * wave + rng.normal(0, 0.4, 5)))
+        sync.update(seen.toggles, time)
         if time == 5:
             slips = sync.slips
         if time > 5 and sync.clock is not None:
@@ -105,9 +111,9 @@ def test_states_keep_their_numbers_for_a_minute() -> None:
 def test_noise_and_stillness_give_no_clock() -> None:
     rng = np.random.default_rng(3)
     noisy, still = Synchroniser(30, PATCHES), Synchroniser(30, PATCHES)
-    for number in range(150):
-        noisy.add(number / 30, rng.normal(0, 1, 5))
-        still.add(number / 30, np.ones(5))
+    times = np.arange(150) / 30
+    listen(noisy, times, rng.normal(0, 1, (150, 5)))
+    listen(still, times, np.ones((150, 5)))
     assert noisy.clock is None
     assert still.clock is None
 
@@ -153,9 +159,10 @@ CODEC = np.array([0.65, 0.65, 0.0, 0.0, 0.3])
 
 def listen(sync: Synchroniser, times: Array, toggles: Array) -> list[DisplayClock | None]:
     """Give the toggles frame by frame; the clock after each."""
-    clocks = []
+    seen, clocks = SeenFrames(), []
     for time, values in zip(times, toggles, strict=True):
-        sync.add(time, values)
+        seen.toggles.append((time, values))
+        sync.update(seen.toggles, time)
         clocks.append(sync.clock)
     return clocks
 
@@ -316,8 +323,10 @@ def test_a_state_is_put_together_from_the_pure_parts_of_two_frames() -> None:
     layout = make_layout()
     clock = DisplayClock(period=0.1, start=0.0, delay_x=0.0, delay_y=0.1, shutter=0.001)
     # state 1 lasts from 0.1 to 0.2 s: the lower half of the first frame, the upper of the second
-    early = RectifiedFrame(0.05, np.full((layout.height, layout.width), 100, np.uint8))
-    late = RectifiedFrame(0.15, np.full((layout.height, layout.width), 200, np.uint8))
+    early, late = (
+        seen_frame(time, np.full((layout.height, layout.width), level, np.uint8))
+        for time, level in ((0.05, 100), (0.15, 200))
+    )
     state = compose_state([early, late], clock, 1)
     assert state.purity.min() > 0.99
     upper, lower = state.image[: layout.height // 3], state.image[-layout.height // 3 :]

@@ -14,6 +14,7 @@ from link.layout import Layout, make_layout
 from link.pilots import pilot_signs
 from link.types import Array, Image
 from receiver.tracking.corners import CornerShift
+from receiver.tracking.follow import Follower
 
 CLOSE_PX = 0.2
 SURE = 6.0
@@ -64,14 +65,18 @@ class Display:
 
 def follow(display: Display, H: Array, pairs: int, score_of: Callable[[Array], Array]) -> Array:
     """Move the display by what each frame pair says; how it is misplaced in the end."""
-    shifts = CornerShift(display.layout)
+    shifts, start = CornerShift(display.layout), H
     for _ in range(pairs):
         first, second, scores = display.pair(H)
-        shifts.take(first, second, score_of(scores), shifts.total)
-        shift = shifts.shift()
-        if shift is not None:
-            H = np.linalg.inv(shift) @ H
-    return H / H[2, 2]
+        shifts.take(first, second, score_of(scores), [shifts.placement])
+        H = left(shifts, start)
+    return H
+
+
+def left(shifts: CornerShift, misplaced: Array) -> Array:
+    """How a display is misplaced still, once it is moved."""
+    H = np.linalg.inv(shifts.placement.H_followed_from_shown) @ misplaced
+    return np.asarray(H / H[2, 2])
 
 
 @cases(
@@ -87,40 +92,34 @@ def test_the_display_is_moved_to_where_its_blocks_lie(misplaced: Array, colour: 
     shifts, errors = CornerShift(FINE), []
     corners = frame_corners(FINE.width, FINE.height)
     for _ in range(14):
-        shifts.take(*display.pair(H), shifts.total)
-        shift = shifts.shift()
-        H = np.linalg.inv(shift) @ H
+        shifts.take(*display.pair(H), [shifts.placement])
+        H = left(shifts, misplaced)
         errors.append(transform(H, corners) - corners)
     settled = np.array(errors[6:])
     assert np.abs(settled.mean(axis=0)).max() < CLOSE_PX
     assert np.abs(settled).max() < 3 * CLOSE_PX
 
 
-@pytest.mark.parametrize("at_once", [1, 2, 5])
-def test_frame_pairs_that_waited_move_the_display_once(at_once: int) -> None:
+def test_frame_pairs_that_waited_move_the_display_once() -> None:
     """All were rectified before the first move, and show the same error, which is put right once.
 
     To first order, that is: pairs that are rectified afterwards put the rest right.
     """
     display, misplaced = Display(), moved(x=4.0, corner=3.0)
-    shifts, H, before = CornerShift(FINE), misplaced, np.zeros(8)
-    for number in range(20):
-        shifts.take(*display.pair(misplaced), before)
-        if number % at_once == at_once - 1:
-            shift = shifts.shift()
-            H = np.linalg.inv(shift) @ H
-        assert largest_move(H) < 1.1 * largest_move(misplaced)
-    assert largest_move(H) < 0.5 * largest_move(misplaced)
-
-
-def test_a_shift_is_said_once() -> None:
     shifts = CornerShift(FINE)
-    assert shifts.shift() is None
-    shifts.take(*Display().pair(moved(x=2.0)), shifts.total)
-    first = shifts.shift()
-    assert first is not None
-    assert largest_move(first) > 1.0
-    assert shifts.shift() is None
+    before = shifts.placement
+    for _ in range(20):
+        shifts.take(*display.pair(misplaced), [before])
+        assert largest_move(left(shifts, misplaced)) < 1.1 * largest_move(misplaced)
+    assert largest_move(left(shifts, misplaced)) < 0.5 * largest_move(misplaced)
+
+
+def test_frames_of_a_display_that_was_found_at_another_time_move_nothing() -> None:
+    display, now, before = Display(), CornerShift(FINE), CornerShift(FINE)
+    now.take(*display.pair(moved(x=4.0)), [before.placement, now.placement])
+    np.testing.assert_array_equal(now.placement.H_followed_from_shown, np.eye(3))
+    now.take(*display.pair(moved(x=4.0)), [now.placement, now.placement])
+    assert largest_move(now.placement.H_followed_from_shown) > 1.0
 
 
 @pytest.mark.slow
@@ -134,9 +133,8 @@ def test_without_evidence_nothing_moves() -> None:
     assert largest_move(follow(still, np.eye(3), 8, np.zeros_like)) < 0.1
     even = np.full((FINE.height, FINE.width), 90, np.uint8)
     shifts = CornerShift(FINE)
-    shifts.take(even, even, np.zeros(FINE.n_bits), shifts.total)
-    shift = shifts.shift()
-    assert shift is None or largest_move(shift) < 1e-6
+    shifts.take(even, even, np.zeros(FINE.n_bits), [shifts.placement])
+    assert largest_move(shifts.placement.H_followed_from_shown) < 1e-6
 
 
 def test_scores_without_bound_are_taken() -> None:
@@ -155,15 +153,14 @@ def test_a_far_move_is_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_no_frame_pair_moves_a_corner_by_more_than_a_block() -> None:
     display, shifts = Display(kappa=20.0), CornerShift(FINE)
     for far in np.linspace(-40, 40, 17):
-        shifts.take(*display.pair(moved(x=far, y=-far)), shifts.total)
-        shift = shifts.shift()
-        block = FINE.width / FINE.cols
-        assert shift is None or largest_move(shift) < np.sqrt(2) * block
+        before = shifts.placement.H_followed_from_shown
+        shifts.take(*display.pair(moved(x=far, y=-far)), [shifts.placement])
+        step = np.linalg.inv(before) @ shifts.placement.H_followed_from_shown
+        assert largest_move(step) < np.sqrt(2) * FINE.width / FINE.cols
 
 
-def test_a_layout_with_patches_is_never_moved() -> None:
+def test_a_display_with_patches_is_never_moved() -> None:
     layout = make_layout()
-    display, shifts = Display(layout, kappa=10.0), CornerShift(layout)
-    for _ in range(3):
-        shifts.take(*display.pair(moved(x=3.0)), shifts.total)
-        assert shifts.shift() is None
+    image = np.full((layout.height, layout.width), 90, np.uint8)
+    seen = Follower(layout).see(image, 0.0, frame_corners(layout.width, layout.height))
+    assert seen is not None and seen.placement is None

@@ -11,8 +11,8 @@ from link.geometry import frame_corners
 from link.presets import PRESETS
 from models import PRETRAINED
 from receiver.diagnosis import Observations, explain_silence
-from receiver.reading.states import MESH, points_in_view
 from receiver.receiver import Receiver
+from receiver.seen import MESH, points_in_view
 from receiver.timing.synchronise import Toggling
 
 STILL = Toggling(strength=0.0, amplitude=0.0, state_hz=0.0, deviation=0.04)

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from link.layout import Layout, make_layout
-from link.pilots import pilot_signs
+from link.pilots import pilot_signs, pilot_values
 from link.types import Array, Image
 from receiver.timing.toggles import PARTS, PatchToggles, PilotToggles, make_toggles
 
@@ -25,9 +25,11 @@ def rectified(layout: Layout, level: float | Array, picture: float | Array = 120
     return np.kron(grid, np.ones((tall, wide))).round().astype(np.uint8)
 
 
-def toggles_of(toggles: PilotToggles, frames: Iterable[Image]) -> Array:
+def toggles_of(frames: Iterable[Image], layout: Layout = LAYOUT) -> Array:
     """Toggles (n, P) of rectified frames."""
-    return toggles.over_time(np.array([toggles.measure(frame) for frame in frames]))
+    return PilotToggles(layout).over_time(
+        np.array([pilot_values(frame, layout) for frame in frames])
+    )
 
 
 def parts_of(layout: Layout) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -44,7 +46,7 @@ def test_a_square_wave_is_measured_in_every_part(kappa: float, colour: bool) -> 
     frames = [rectified(LAYOUT, kappa * sign) for sign in WAVE]
     if colour:
         frames = [np.repeat(frame[..., None], 3, 2) for frame in frames]
-    seen = toggles_of(toggles, frames)
+    seen = toggles_of(frames)
     high, low = seen[WAVE > 0], seen[WAVE < 0]
     # a block stands out of its neighbourhood by its own level, less a share of its neighbours'
     np.testing.assert_allclose((high - low).mean(axis=0), 4 * kappa, rtol=0.35)
@@ -58,7 +60,7 @@ def test_places_lie_in_the_middle_of_their_parts() -> None:
     for row, col in ((0, 0), (1, 3), (3, 2)):
         toggles = PilotToggles(LAYOUT)
         alone = 3.0 * ((rows == row) & (cols == col))
-        seen = toggles_of(toggles, [rectified(LAYOUT, sign * alone) for sign in WAVE])
+        seen = toggles_of([rectified(LAYOUT, sign * alone) for sign in WAVE])
         part = int(seen.std(axis=0).argmax())
         np.testing.assert_allclose(toggles.places[part], [(col + 0.5) / 4, (row + 0.5) / 4])
         others = np.delete(seen.std(axis=0), part)
@@ -72,7 +74,7 @@ def test_a_part_without_pilots_is_left_out() -> None:
     toggles = PilotToggles(few)
     assert {(x, y) for x, y in toggles.places} == expected
     assert len(toggles.places) < 16
-    values = toggles_of(toggles, [rectified(few, level) for level in (2.0, -2.0)])
+    values = toggles_of([rectified(few, level) for level in (2.0, -2.0)], few)
     assert values.shape == (2, len(expected))
     assert np.isfinite(values).all()
 
@@ -81,7 +83,7 @@ def test_a_grid_coarser_than_the_parts_has_a_place_for_each_block() -> None:
     coarse = make_layout(2, 3, 96, 64, modulation="antipodal", pilots=4)
     toggles = PilotToggles(coarse)
     assert len(toggles.places) == 4
-    assert np.isfinite(toggles_of(toggles, [rectified(coarse, 2.0)])).all()
+    assert np.isfinite(toggles_of([rectified(coarse, 2.0)], coarse)).all()
 
 
 def test_restless_blocks_weigh_less() -> None:
@@ -95,7 +97,7 @@ def test_restless_blocks_weigh_less() -> None:
         rectified(LAYOUT, kappa * sign + 20 * restless * rng.standard_normal(LAYOUT.pilots))
         for sign in WAVE
     ]
-    seen = toggles_of(PilotToggles(LAYOUT), frames).mean(axis=1)
+    seen = toggles_of(frames).mean(axis=1)
     assert np.corrcoef(seen, WAVE)[0, 1] > 0.95
 
 
@@ -113,10 +115,9 @@ def test_the_picture_does_not_come_through() -> None:
     for sign, noisy in zip(WAVE, late, strict=True):
         level = kappa * sign + 6 * noisy * restless * rng.standard_normal(LAYOUT.pilots)
         frames.append(rectified(LAYOUT, level, picture))
-    toggles = PilotToggles(LAYOUT)
-    still = toggles_of(toggles, [rectified(LAYOUT, 0.0, picture)] * 5)
+    still = toggles_of([rectified(LAYOUT, 0.0, picture)] * 5)
     np.testing.assert_allclose(still, 0, atol=1e-9)
-    seen = toggles_of(toggles, frames).mean(axis=1)
+    seen = toggles_of(frames).mean(axis=1)
     assert np.corrcoef(seen, WAVE)[0, 1] > 0.98
 
 

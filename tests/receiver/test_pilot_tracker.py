@@ -1,13 +1,14 @@
 """A display with pilots is found, followed, moved, lost and found again; odd frames do no harm."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 from pilot_films import FINE, MOVING_OUTLINE, OTHER, BlockMeans, filmed, moving_picture
 
-import receiver.tracking.pilots as pilots_module
+import receiver.tracking.judge as judge_module
 from link.presets import PRESETS
 from link.steps import run_to_end
 from link.types import Array, Image
@@ -15,8 +16,10 @@ from receiver.locate.candidates import display_candidates
 from receiver.pilots.search.toggle_map import ToggleMap
 from receiver.pilots.stabilise import WIDTH, Stabiliser
 from receiver.receiver import Receiver
+from receiver.seen import SeenFrame, SeenFrames
 from receiver.timing.synchronise import MIN_FRAMES
-from receiver.tracking.pilots import CHECK_EVERY, PATIENCE, PilotTracker
+from receiver.tracking.judge import CHECK_EVERY, PATIENCE, Judge
+from receiver.tracking.pilots import PilotTracker
 
 FPS = 60.0
 """Frames a second of the films."""
@@ -32,10 +35,10 @@ def film() -> Film:
     return filmed(FINE, 40, seed=2)
 
 
-def found_in(tracker: PilotTracker, images: list[Image]) -> int | None:
+def found_in(look: Callable[[Image, float], SeenFrame | None], images: list[Image]) -> int | None:
     """Number of the first frame with the display."""
     for number, image in enumerate(images):
-        if tracker.follow(image, number / FPS) is not None:
+        if look(image, number / FPS) is not None:
             return number
     return None
 
@@ -75,10 +78,10 @@ def test_a_display_that_is_found_is_shown_in_the_frames_before(
         for number, image in enumerate(images)
         if (tracked := tracker.follow(image, number / FPS)) is not None
     )
-    times = [time for time, _ in tracked.before]
+    times = [seen.time for seen in tracked.before]
     assert times == [earlier / FPS for earlier in range(number - len(times), number)]
     assert len(times) > 12
-    for earlier, (_, seen) in zip(range(number - len(times), number), tracked.before, strict=True):
+    for earlier, seen in zip(range(number - len(times), number), tracked.before, strict=True):
         assert np.abs(seen.corners - corners[earlier]).max() < CLOSE_PX
         assert seen.rectified.shape == tracked.rectified.shape
         assert not seen.before
@@ -101,9 +104,9 @@ def test_the_clock_counts_the_frames_of_the_search() -> None:
 @pytest.mark.slow
 def test_a_display_whose_picture_moves_is_found_and_followed() -> None:
     images, corners = filmed(FINE, 240, seed=2, pan=4.0)
-    tracker, off = PilotTracker([FINE], FPS), []
+    receiver, off = Receiver(BlockMeans(FINE), FPS), []
     for number, (image, expected) in enumerate(zip(images, corners, strict=True)):
-        tracked = tracker.follow(image, number / FPS)
+        tracked = receiver.push(image, number / FPS).tracked
         off.append(np.inf if tracked is None else np.abs(tracked.corners - expected).max())
     assert max(off[-60:]) < CLOSE_PX
 
@@ -132,12 +135,16 @@ def test_around_a_picture_that_moves_all_points_are_those_of_the_room() -> None:
 def test_a_display_is_moved_within_its_rectified_image(film: Film) -> None:
     images, _ = film
     plain, moved = PilotTracker([FINE], FPS), PilotTracker([FINE], FPS)
-    first = found_in(plain, images)
+    first = found_in(plain.follow, images)
     assert first is not None
-    assert first == found_in(moved, images)
+    placement = None
+    for number, image in enumerate(images[: first + 1]):
+        seen = moved.follow(image, number / FPS)
+        placement = seen and seen.placement
+    assert placement is not None
     H = np.eye(3)
     H[:2, 2] = 7.0, -5.0
-    moved.correct(2 * H)  # the scale of a homography means nothing
+    placement.shift.placement = replace(placement, H_followed_from_shown=H)
     for number in (first + 1, first + 2):
         here, there = (tracker.follow(images[number], number / FPS) for tracker in (plain, moved))
         assert here is not None and there is not None
@@ -147,7 +154,7 @@ def test_a_display_is_moved_within_its_rectified_image(film: Film) -> None:
         assert difference.mean() < 1.0
         still = np.abs(here.rectified[inner].astype(float) - there.rectified[inner])
         assert difference.mean() < 0.3 * still.mean()
-    moved.correct(np.linalg.inv(H))
+    placement.shift.placement = placement
     here, there = (
         tracker.follow(images[first + 3], (first + 3) / FPS) for tracker in (plain, moved)
     )
@@ -159,18 +166,23 @@ def test_a_display_is_moved_within_its_rectified_image(film: Film) -> None:
 def test_a_display_that_stops_toggling_is_lost_and_found_again(film: Film) -> None:
     images, _ = film
     rng = np.random.default_rng(1)
-    tracker = PilotTracker([FINE], FPS)
-    assert found_in(tracker, images) is not None
+    receiver, start = Receiver(BlockMeans(FINE), FPS), 0.0
+
+    def look(image: Image, time: float) -> SeenFrame | None:
+        return receiver.push(image, start + time).tracked
+
+    assert found_in(look, images) is not None
     grainy = [
         np.clip(images[-1] + rng.normal(0, 1, images[-1].shape), 0, 255).astype(np.uint8)
         for _ in range(8)
     ]
-    start = len(images)
-    lost = next(n for n in range(300) if tracker.follow(grainy[n % 8], (start + n) / FPS) is None)
+    start = len(images) / FPS
+    lost = next(n for n in range(300) if look(grainy[n % 8], n / FPS) is None)
     assert CHECK_EVERY * PATIENCE - len(images) < lost <= CHECK_EVERY * (PATIENCE + 3)
     again, corners = filmed(FINE, 50, seed=9)
-    number = found_in(tracker, again)
-    tracked = tracker.follow(again[number + 1], (number + 1) / FPS)
+    start += (lost + 1) / FPS
+    number = found_in(look, again)
+    tracked = look(again[number + 1], (number + 1) / FPS)
     assert np.abs(tracked.corners - corners[number + 1]).max() < CLOSE_PX
 
 
@@ -180,23 +192,25 @@ def test_a_display_that_the_room_loses_is_followed_by_its_picture_next(film: Fil
     images, _ = film
     tracker = PilotTracker([FINE], FPS)
     tracker._search.doubt_picture()
-    assert found_in(tracker, images) is not None
+    assert found_in(tracker.follow, images) is not None
     assert tracker.follow(np.full_like(images[0], 60), len(images) / FPS) is None
     assert not tracker._search.picture_moves
 
 
 def test_the_pilots_are_looked_at_with_patience(monkeypatch: pytest.MonkeyPatch) -> None:
     """Some looks without evidence are borne, one with evidence makes good for them."""
-    tracker = PilotTracker([OTHER], FPS)
+    judge, seen = Judge(OTHER, FPS, 0.0, 0, 0), SeenFrames()
     said = iter([9.0, 0.0, 0.0, 9.0, 0.0, 0.0, 0.0])
-    monkeypatch.setattr(pilots_module, "find_toggling", lambda *_: (next(said), None))
-    view = np.full((OTHER.height, OTHER.width), 90, np.uint8)
-    tracked = pilots_module.Tracked(np.zeros((4, 2)), view)
-    still = [tracker._still_there(tracked, n / FPS) for n in range(8 * CHECK_EVERY)]
-    looks = np.array(still).reshape(8, CHECK_EVERY)[:, -1]
+    monkeypatch.setattr(judge_module, "find_toggling", lambda *_: (next(said), None))
+    view, stopped = np.full((OTHER.height, OTHER.width), 90, np.uint8), []
+    for number in range(1, 8 * CHECK_EVERY + 1):
+        frame = SeenFrame(OTHER, number / FPS, np.zeros((4, 2)), view, followed=number)
+        stopped.append(judge.has_stopped(frame, seen.toggles))
+        seen.add(frame)
+    looks = np.array(stopped).reshape(8, CHECK_EVERY)[:, -1]
     # too few frames have been watched at the time of the first look
-    assert looks.tolist() == [True, True, True, True, True, True, True, False]
-    assert still.index(False) == 8 * CHECK_EVERY - 1
+    assert looks.tolist() == [False, False, False, False, False, False, False, True]
+    assert stopped.index(True) == 8 * CHECK_EVERY - 1
 
 
 # odd frames
@@ -274,7 +288,7 @@ def test_very_long_images_have_no_candidates() -> None:
 def test_a_followed_display_bears_a_change_of_the_frames(kind: str, film: Film) -> None:
     images, _ = film
     tracker = PilotTracker([FINE], FPS)
-    assert found_in(tracker, images) is not None
+    assert found_in(tracker.follow, images) is not None
     changed = {
         "size": images[-1][:300, :400],
         "colour": np.repeat(images[-1][:, :, None], 3, axis=2),

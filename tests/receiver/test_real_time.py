@@ -8,6 +8,7 @@ import pytest
 from conftest import run_process
 from pilot_films import FINE, BlockMeans, texture
 from scores import noisy
+from streams import seen_frame
 
 from link.clock import DisplayClock
 from link.code.collect import Collector, Message, make_collector
@@ -19,8 +20,9 @@ from link.types import Array
 from receiver.pilots.motion import GridMaps, MotionEquations
 from receiver.reading.occlusion import median_image
 from receiver.reading.reader import WORK_A_FRAME
-from receiver.reading.states import MESH, PLACES, PURE, RectifiedFrame, compose_state
+from receiver.reading.states import PURE, compose_state
 from receiver.receiver import Receiver
+from receiver.seen import MESH, PLACES
 
 N_BITS = 730
 
@@ -203,8 +205,7 @@ def test_states_put_together_by_rows_are_those_of_whole_images(
     rng = np.random.default_rng(7)
     shape = (48, 70, 3) if colour else (48, 70)
     frames = [
-        RectifiedFrame(number / 30, rng.integers(0, 256, shape).astype(np.uint8))
-        for number in range(8)
+        seen_frame(number / 30, rng.integers(0, 256, shape).astype(np.uint8)) for number in range(8)
     ]
     clock = DisplayClock(1 / 14, 0.01, 0.004, delay_y, 0.02)
     for number in range(1, 4):

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from conftest import ROOT, Command, Finished, Refuses, cases, run_process, slow
 from numpy.typing import NDArray
-from streams import Stream, events_of, states_of, write_film
+from streams import Stream, events_of, seen_frame, states_of, write_film
 
 import receiver.__main__ as receive_cli
+import receiver.seen as seen_module
 from export.runtime import Decoder
 from link.code.authenticate import Verifier, sign
 from link.code.message import Message
@@ -19,13 +20,14 @@ from link.errors import InputError
 from link.images import write_image
 from link.images.video import VideoReader, read_video, write_video
 from link.layout import make_layout
+from link.presets import PRESETS
 from link.types import Image
 from receiver.inbox import Inbox
-from receiver.reading import reader
-from receiver.reading.reader import PAIRS_A_FRAME
+from receiver.reading.pairs import PAIRS_A_FRAME
 from receiver.receiver import Receiver, as_uint8
+from receiver.seen import MOST_TOGGLES, MOST_WHOLE, SeenFrames
 from receiver.sources import open_source
-from receiver.timing.synchronise import MAX_SAMPLES, Synchroniser
+from receiver.timing.synchronise import Synchroniser
 from receiver.timing.toggles import PatchToggles
 
 MODEL = ROOT / "models" / "pretrained" / "ratex" / "decoder.onnx"
@@ -211,29 +213,33 @@ def test_names_that_are_no_camera_are_names_of_files(name: str) -> None:
 def test_a_nominal_rate_that_is_far_too_low_finds_no_clock(nominal: float, real: float) -> None:
     """As of a camera that does not know its own rate, or of a wrong --fps."""
     clock, rng = Synchroniser(nominal, PatchToggles(make_layout())), np.random.default_rng(0)
+    seen = SeenFrames()
     for number in range(120):
-        clock.add(number / real, 3.0 * (number // 2 % 2) + rng.normal(0, 1, 5))
+        toggles = 3.0 * (number // 2 % 2) + rng.normal(0, 1, 5)
+        seen.toggles.append((number / real, toggles))
+        clock.update(seen.toggles, number / real)
     assert clock.clock is None
 
 
 def test_times_that_stand_still_fill_no_memory() -> None:
-    clock = Synchroniser(30, PatchToggles(make_layout()))
-    for _ in range(MAX_SAMPLES + 10):
-        clock.add(1.0, np.zeros(5))
-    assert len(clock._samples) == MAX_SAMPLES
+    seen, black = SeenFrames(), np.zeros((LAYOUT.height, LAYOUT.width), np.uint8)
+    pilots = PRESETS["robust"].layout
+    for _ in range(MOST_TOGGLES + 10):
+        seen.add(seen_frame(1.0, black, layout=pilots))
+    assert (len(seen.whole), len(seen.toggles)) == (MOST_WHOLE, MOST_TOGGLES)
 
 
 @pytest.mark.slow
 def test_memory_is_bounded(decoder: Decoder, monkeypatch: pytest.MonkeyPatch) -> None:
     """A display that shows one state for ever fills no buffer without end."""
-    monkeypatch.setattr(reader, "BUFFER", 40)
+    monkeypatch.setattr(seen_module, "MOST_WHOLE", 40)
     rng = np.random.default_rng(0)
     still = states_of(TEXT, LAYOUT, rng)[:1]
     receiver = Receiver(decoder)
     image = next(SMALL.frames(still, 1, rng))[1]
     for number in range(60):
         assert receiver.push(image, number / 30).message is None
-    assert len(receiver._reader._buffer) == 40
+    assert len(receiver._seen.whole) == 40
     assert receiver.decoded == 0
 
 

@@ -6,7 +6,7 @@ import pytest
 from drawn_scenes import content
 from pilot_films import BlockMeans, beside_print, filmed
 
-import receiver.receiver as receiver_module
+import receiver.tracking.judge as judge_module
 from link.code.framing import encode
 from link.frames import SoftBits
 from link.geometry import frame_corners
@@ -15,7 +15,8 @@ from link.layout import make_layout
 from link.presets import PRESETS
 from link.types import Image
 from receiver.locate.find import is_at
-from receiver.receiver import STILL_S, Receiver
+from receiver.receiver import Receiver
+from receiver.tracking.judge import STILL_S
 from receiver.tracking.patches import ASIDE_S, Tracker
 
 PAPER, ROBUST = PRESETS["paper"].layout, PRESETS["robust"].layout
@@ -78,7 +79,7 @@ def test_a_display_of_which_nothing_is_read_is_looked_for_anew(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """As where some of its corners lie elsewhere, and its pilots are seen all the same."""
-    monkeypatch.setattr(receiver_module, "AMISS_PAIRS", 8)
+    monkeypatch.setattr(judge_module, "AMISS_PAIRS", 8)
     rng, found, message = np.random.default_rng(0), 0, None
     decoder = BlockMeans(ROBUST)
     right = decoder.decode

@@ -5,6 +5,7 @@ from dataclasses import astuple, replace
 import numpy as np
 import pytest
 from port import same
+from streams import seen_frame
 from tolerances import CLOCK_EVIDENCE, CLOCK_STATE, FITTED, FLOAT32_SUM, FLOAT64, SAME_STEPS
 
 from link.clock import DisplayClock, embedded_share
@@ -12,6 +13,7 @@ from link.embed import embed
 from link.layout import make_layout
 from link.pilot_code import PilotCode
 from link.presets import PRESETS
+from receiver.seen import SeenFrames
 from receiver.timing.fit import ToggleWindow
 from receiver.timing.synchronise import AWAY_S, Synchroniser, needed_evidence
 from receiver.timing.toggles import PatchToggles, make_toggles
@@ -114,8 +116,11 @@ def test_a_synchroniser_finds_the_clock_holds_it_and_keeps_its_numbers(port):
     sync = Synchroniser(fps, PATCHES)
     meter = port("receiver/timing/toggles.js").PatchToggles(PATCHES.layout)
     ported = port("receiver/timing/synchronise.js").Synchroniser(fps, meter)
+    kept = SeenFrames()
     for time, values in zip(times[seen], toggles[seen], strict=True):
-        sync.add(time, values)
+        if np.isfinite(values).any():
+            kept.toggles.append((time, values))
+        sync.update(kept.toggles, time)
         ported.add(time, values)
         found = ported.clock and numbers_of(ported.clock)
         same(found, sync.clock and astuple(sync.clock), FITTED)
@@ -139,13 +144,14 @@ def test_a_code_s_clock_is_put_right_where_frames_are_missing(off, kept, port):
     meter = port("receiver/timing/toggles.js").PatchToggles(PATCHES.layout)
     signs = port("link/pilotCode.js").PilotCode(code.signs.tolist())
     ported = port("receiver/timing/synchronise.js").Synchroniser(30.0, meter, signs)
+    seen = SeenFrames()
     for time, values in zip(times, toggles, strict=True):
-        sync.add(time, values, fit=False)
+        seen.toggles.append((time, values))
         ported.add(time, values, False)
     sync.begin(held, times[-1])
     ported.begin(port("link/clock.js").DisplayClock(*astuple(held)), times[-1])
     nothing = np.full(len(PATCHES.places), np.nan)
-    sync.add(times[-1] + 0.01, nothing)
+    sync.update(seen.toggles, times[-1] + 0.01)
     ported.add(times[-1] + 0.01, nothing)
     assert 30 / needed_evidence(4.0, 30.0, code) < sync.best.strength < 1
     same(numbers_of(ported.clock), astuple(sync.clock), FITTED)
@@ -167,7 +173,7 @@ def test_toggles_are_those_of_python(name, port):
     toggles = make_toggles(layout)
     ported = port("receiver/timing/toggles.js").makeToggles(layout)
     same(ported.places, toggles.places, SAME_STEPS)
-    measured = [toggles.measure(frame) for frame in frames]
+    measured = [seen_frame(0.0, frame, layout=layout).toggles for frame in frames]
     found = [ported.measure(frame) for frame in frames]
     same(found, measured, FLOAT32_SUM)
     same(ported.overTime(found), toggles.over_time(np.array(measured)), FLOAT32_SUM)

@@ -5,15 +5,15 @@ from dataclasses import astuple
 import numpy as np
 import pytest
 from port import same
+from streams import seen_frame
 from tolerances import FILM_SCORE, FLOAT32_SUM
 
 from export.film_graph import FilmGraph
 from export.parity import synthetic_window
 from link.presets import PRESETS
 from models import FILM_GRAPH
-from models.film.window import shrunk_gray
 from receiver.reading.film import MOST_PAIRS, FilmDesk
-from receiver.reading.states import MESH, RectifiedFrame
+from receiver.seen import MESH, SeenFrames
 
 LAYOUT = PRESETS["robust"].layout
 
@@ -33,7 +33,7 @@ def film_of(frames=40, seed=2, gap_s=0.0):
             in_view = np.ones((MESH, MESH), bool)
             in_view[:, :3] = False
         late = gap_s if number >= frames // 2 else 0.0
-        shown.append(RectifiedFrame(float(time) + late, image, in_view))
+        shown.append(seen_frame(float(time) + late, image, in_view, LAYOUT))
     return shown, window.clock
 
 
@@ -50,13 +50,14 @@ class Counting(FilmGraph):
 def test_windows_are_scored_as_by_python(port, gap_s):
     shown, clock = film_of(gap_s=gap_s)
     decoder = Counting(FILM_GRAPH, 1)
-    desk = FilmDesk(LAYOUT, decoder, 64)
+    seen = SeenFrames()
+    desk = FilmDesk(LAYOUT, decoder, seen)
     graph = port("export/filmGraph.js").FilmGraph(FILM_GRAPH.read_bytes())
     ported = port("receiver/reading/film.js").FilmDesk(LAYOUT, graph, 64)
     ported_clock = port("link/clock.js").DisplayClock(*astuple(clock))
     waiting, compared, next_pair = [], 0, int(np.ceil(clock.number(shown[0].time) / 2))
     for frame in shown:
-        desk.add(frame)
+        seen.add(frame)
         ported.add({"time": frame.time, "rectified": frame.rectified, "inView": frame.in_view})
         while clock.number(frame.time + clock.earliest) >= 2 * next_pair + 2:
             waiting.append(next_pair)
@@ -82,4 +83,4 @@ def test_frames_are_shrunk_as_by_python(port):
     image = rng.integers(0, 256, (LAYOUT.height, LAYOUT.width)).astype(np.uint8)
     found = port("image/shrink.js").areaMeans(image, LAYOUT.width // 2, LAYOUT.height // 2)
 
-    same(np.asarray(found), shrunk_gray(image), FLOAT32_SUM)
+    same(np.asarray(found), seen_frame(0.0, image).shrunk, FLOAT32_SUM)

@@ -8,7 +8,7 @@ import pytest
 import tolerances as within
 from pilot_films import TEXT, beside_print, robust_film, texture
 from port import differences, same
-from streams import Stream, states_of
+from streams import Stream, seen_frame, states_of
 
 from export.runtime import Decoder
 from link.clock import DisplayClock
@@ -16,13 +16,9 @@ from link.layout import make_layout
 from link.presets import PRESETS
 from models import PRETRAINED, PRETRAINED_PILOTS
 from receiver.diagnosis import Observations, explain_silence
-from receiver.reading.states import (
-    RectifiedFrame,
-    block_purity,
-    compose_state,
-    points_in_view,
-)
+from receiver.reading.states import block_purity, compose_state
 from receiver.receiver import Receiver
+from receiver.seen import points_in_view
 from receiver.timing.synchronise import Toggling
 
 OUTSIDE = np.array([[-30.0, 10.0], [600.0, -20.0], [640.0, 470.0], [20.0, 430.0]])
@@ -43,7 +39,7 @@ def test_states_are_put_together_as_by_python(port, name):
     clock, numbers, seed = CLOCKS[name]
     rng, module = np.random.default_rng(seed), port("receiver/reading/states.js")
     frames = [
-        RectifiedFrame(
+        seen_frame(
             number / 30 + 0.2,
             rng.integers(0, 256, (48, 70)).astype(np.uint8),
             points_in_view(OUTSIDE, (480, 640)) if name == "cut" and number % 3 else None,

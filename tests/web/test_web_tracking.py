@@ -109,18 +109,22 @@ def test_corners_move_to_where_decoded_blocks_lie(port: Port) -> None:
     """
     rng, layout = np.random.default_rng(3), FINE
     shifts = CornerShift(layout)
+    first = shifts.placement
     ported = port("receiver/tracking/corners.js").CornerShift(layout)
     H = np.array([[1.004, 0.002, 1.5], [-0.001, 0.997, -1.0], [1e-5, 0, 1]])
     size = layout.width, layout.height
     corners, moves = frame_corners(*size), []
 
     def compare(images: list[Image], scores: Array) -> None:
-        shifts.take(*images, scores, np.zeros(8))
+        before = shifts.placement
+        shifts.take(*images, scores, [first])
         ported.take(*images, scores, np.zeros(8))
-        known, found = shifts.shift(), ported.shift()
-        moves.append(known is not None)
-        assert (found is None) == (known is None)
-        if known is not None:
+        found, is_moved = ported.shift(), shifts.placement is not before
+        moves.append(is_moved)
+        assert (found is not None) == is_moved
+        if is_moved:
+            after = shifts.placement.H_followed_from_shown
+            known = np.linalg.inv(before.H_followed_from_shown) @ after
             moved = transform(found.reshape(3, 3), corners)
             same(moved, transform(known, corners), DECODED_PX)
             assert ported.shift() is None

@@ -13,8 +13,9 @@ from tolerances import FOLLOWED_PX, FOUND_PX, MOVED_PX, PILOTS_CLOSE_PX
 
 from link.layout import make_layout
 from receiver.locate.find import is_at
+from receiver.tracking.judge import CHECK_EVERY, PATIENCE
 from receiver.tracking.patches import ASIDE_S, Tracker
-from receiver.tracking.pilots import CHECK_EVERY, PATIENCE, PilotTracker
+from receiver.tracking.pilots import PilotTracker
 
 PATCHES = make_layout(8, 8, 256, 192)
 STILL, MOVING = 6, 8

@@ -1,7 +1,5 @@
 """Watch a film from a reference frame on: what a search for a display by its pilots looks at."""
 
-from collections import deque
-
 import numpy as np
 
 from link.geometry import in_image, transform
@@ -58,20 +56,31 @@ class Watch:
         usual = int(np.clip(round(WINDOW_S * fps), LEAST_WINDOW, MOST_WINDOW))
         self.window, self.soon = longer * usual, usual // 2
         """Number of frames that are watched, and number after which they are looked at first."""
-        self.frames: list[HeldFrame] = []
-        """Frames watched so far; none before the second frame of the film."""
         self.confirming = 2 * self.window // 3
         """Number of later frames that must agree with what is not certain."""
-        self.later: deque[HeldFrame] = deque(maxlen=self.confirming)
-        """The newest frames after those watched, no more than needed."""
-        self.held = deque([self.first], maxlen=max(LEAST_HELD, round(HELD_S * fps)))
-        """The newest frames of all."""
+        self._kept: list[HeldFrame] = []  # those watched, and the newest after them
+        self._held = max(LEAST_HELD, round(HELD_S * fps))
         self.map = ToggleMap()
         """What toggles in the frames watched."""
         self.fps = fps
         self._own: dict[bytes, list[Array]] = {}
         self._stabiliser = Stabiliser(gray, far_apart=picture_moves)
         self.on_copy, self.on_image = self._stabiliser.on_copy, self._stabiliser.on_image
+
+    @property
+    def frames(self) -> list[HeldFrame]:
+        """Frames watched so far; none before the second frame of the film."""
+        return self._kept[: self.window]
+
+    @property
+    def later(self) -> list[HeldFrame]:
+        """The newest frames after those watched, no more than `confirming`."""
+        return self._kept[self.window :][-self.confirming :]
+
+    @property
+    def held(self) -> list[HeldFrame]:
+        """The newest frames of all."""
+        return (self._kept or [self.first])[-self._held :]
 
     def take(self, gray: Gray, time: float) -> bool:
         """Hold the next frame still, and keep it where it still shows enough of the reference.
@@ -92,19 +101,14 @@ class Watch:
             return False
         at = position(time - self.first.time, self.fps)
         frame = HeldFrame(gray, H, at, time, self._stabiliser.tracks)
-        if not self.frames:  # now the film can be held still
-            self._add(self.first)
-        self.held.append(frame)
-        if len(self.frames) < self.window:
-            self._add(frame)
-        else:
-            self.later.append(frame)
+        for each in (frame,) if self._kept else (self.first, frame):  # now the film holds still
+            self._kept.append(each)
+            if len(self._kept) <= self.window:
+                still = self._stabiliser.still(each.gray, each.H_image_from_reference)
+                self.map.add(still, each.at)
+        if len(self._kept) > self.window + max(self._held, self.confirming):
+            del self._kept[self.window]
         return True
-
-    def _add(self, frame: HeldFrame) -> None:
-        """Watch a frame."""
-        self.frames.append(frame)
-        self.map.add(self._stabiliser.still(frame.gray, frame.H_image_from_reference), frame.at)
 
     def places(self, corners: Corners, count: int | None = None) -> list[Array]:
         """Find where corners in the reference lie, (4, 2) pixels of the map.

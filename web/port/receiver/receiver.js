@@ -7,7 +7,7 @@
  * decodes too, are left out.
  */
 
-import { images, receiverReceiver } from "../../generated/constants.js";
+import { images, receiverTrackingJudge } from "../../generated/constants.js";
 import { DisplayReader } from "./reading/reader.js";
 import { Repeats } from "./repeats.js";
 import { Rests } from "./rests.js";
@@ -22,7 +22,7 @@ import { PilotTracker } from "./tracking/pilots.js";
 /** @typedef {import("./tracking/patches.js").DisplayTracker} DisplayTracker */
 
 export const { MIN_SIDE_PX } = images;
-export const { STILL_S, STILL_FRAMES, AMISS_PAIRS } = receiverReceiver;
+export const { STILL_S, STILL_FRAMES, AMISS_PAIRS } = receiverTrackingJudge;
 
 /**
  * What one camera frame brought: the display, or null where it was not found, frame pairs that

@@ -5,7 +5,7 @@
  * decoder (filmGraph.js), and takes back the scores of all frame pairs that ended in it.
  */
 
-import { modelsFilmWindow, receiverReadingFilm } from "../../../generated/constants.js";
+import { modelsFilmWindow, receiverReadingFilm, receiverReadingPairs } from "../../../generated/constants.js";
 import { rowsOf } from "../../image/opencv.js";
 import { areaMeans } from "../../image/shrink.js";
 import { mixtureOfExposures } from "../../link/observation.js";
@@ -15,7 +15,8 @@ import { MESH } from "./states.js";
 /** @typedef {import("../../export/filmGraph.js").WindowDecoder} WindowDecoder */
 /** @typedef {import("./states.js").RectifiedFrame} RectifiedFrame */
 
-export const { WINDOW, LEAST_FRAMES, FINE_BLOCKS, STRIDE_S, VAGUE } = receiverReadingFilm;
+export const { WINDOW, LEAST_FRAMES, FINE_BLOCKS, STRIDE_S } = receiverReadingFilm;
+export const { VAGUE } = receiverReadingPairs;
 const { FINE_WINDOW, MISSED, FRESH_FRAMES, MOST_PAIRS } = receiverReadingFilm;
 const { SHRINK } = modelsFilmWindow;
 

@@ -5,7 +5,9 @@
  * finds the display and hands its frames to the reader of its layout (receiver.js).
  */
 
-import { receiverReadingReader } from "../../../generated/constants.js";
+import {
+  receiverReadingPairs, receiverReadingReader, receiverSeen,
+} from "../../../generated/constants.js";
 import { makeCollector } from "../../link/code/collect.js";
 import { informationOf } from "../../link/code/scores.js";
 import { FilmDesk, VAGUE } from "./film.js";
@@ -25,7 +27,9 @@ import { CornerShift } from "../tracking/corners.js";
 /** @typedef {import("./states.js").DisplayState} DisplayState */
 /** @typedef {import("./states.js").RectifiedFrame} RectifiedFrame */
 
-export const { BUFFER, PAIRS_A_FRAME, MOST_WAITING, WORK_A_FRAME, PAIR_WORK } = receiverReadingReader;
+export const { WORK_A_FRAME, PAIR_WORK } = receiverReadingReader;
+export const { PAIRS_A_FRAME, MOST_WAITING } = receiverReadingPairs;
+export const { MOST_WHOLE } = receiverSeen;
 
 /**
  * A frame pair that the receiver has decoded.
@@ -104,7 +108,7 @@ export class DisplayReader {
     this.#scorer = new PairScorer(decoder, timing);
     this.#corners = new CornerShift(this.layout);
     this.#toggles = makeToggles(this.layout);
-    this.#desk = film && this.layout.readsFilms ? new FilmDesk(this.layout, film, BUFFER) : null;
+    this.#desk = film && this.layout.readsFilms ? new FilmDesk(this.layout, film, MOST_WHOLE) : null;
     /** Finds and holds the display's clock. */
     this.sync = new Synchroniser(fps, this.#toggles, this.layout.code);
   }
@@ -184,7 +188,7 @@ export class DisplayReader {
     const frame = { time, rectified, inView };
     this.#buffer.push({ frame, measured, moved: this.#corners.total });
     this.#desk?.add(frame);
-    if (this.#buffer.length > BUFFER) this.#buffer.shift();
+    if (this.#buffer.length > MOST_WHOLE) this.#buffer.shift();
     return inView;
   }
 

@@ -1,12 +1,13 @@
 /** Put display states together from rectified camera frames. */
 
-import { receiverReadingStates } from "../../../generated/constants.js";
+import { receiverReadingStates, receiverSeen } from "../../../generated/constants.js";
 import { bytePlane, call, floatPlane } from "../../image/opencv.js";
 import { roundHalfEven } from "../../image/round.js";
 import { resizeArea } from "../../image/shrink.js";
 import { homographyFromCorners, inImage, transform } from "../../link/geometry.js";
 
-export const { PURE, MESH } = receiverReadingStates;
+export const { PURE } = receiverReadingStates;
+export const { MESH } = receiverSeen;
 
 /** Points (MESH MESH, 2) of the display, x and y in [0, 1], at which exposure is worked out. */
 export const PLACES = Float64Array.from({ length: 2 * MESH * MESH }, (_, at) => {

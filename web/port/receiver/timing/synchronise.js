@@ -1,6 +1,8 @@
 /** Find the display's clock, follow it, hold it through weak spells, and find it again. */
 
-import { receiverPilotsCode, receiverTimingSynchronise } from "../../../generated/constants.js";
+import {
+  receiverPilotsCode, receiverSeen, receiverTimingSynchronise,
+} from "../../../generated/constants.js";
 import { PLAIN } from "../../link/pilotCode.js";
 import { DisplayClock } from "../../link/clock.js";
 import { clocksTried } from "../pilots/code.js";
@@ -9,10 +11,11 @@ import { ClockFit, ToggleWindow } from "./fit.js";
 /** @typedef {import("./toggles.js").Toggles} Toggles */
 
 export const {
-  MIN_WINDOW_S, WINDOW_S, MAX_SAMPLES, MIN_FRAMES, CODED_WINDOW, AWAY_S, REFIT_S, SEEK_S, CONFIRMED,
+  MIN_WINDOW_S, WINDOW_S, MIN_FRAMES, CODED_WINDOW, AWAY_S, REFIT_S, SEEK_S, CONFIRMED,
   GOOD_R2, SEARCH_S, CLEARLY, SHARE, MIN_TOGGLE, HOLD_S, MAX_PHASE_ERROR, WANDER, SAME,
   FALSE_ALARM, CANDIDATES,
 } = receiverTimingSynchronise;
+const { MOST_TOGGLES } = receiverSeen;
 const { CLOCK_ERROR, RIVAL } = receiverPilotsCode;
 
 /**
@@ -113,7 +116,7 @@ export class Synchroniser {
         this.#backAt = Infinity;
       }
     }
-    let old = Math.max(0, samples.length - MAX_SAMPLES);
+    let old = Math.max(0, samples.length - MOST_TOGGLES);
     while (old < samples.length && samples[old].time < oldest) old++;
     samples.splice(0, old);
     const unconfirmed = time - this.#confirmedAt;

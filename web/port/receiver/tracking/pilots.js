@@ -1,6 +1,6 @@
 /** Find a display by its pilots, follow it, and notice when it is no longer the display. */
 
-import { receiverTrackingPilots } from "../../../generated/constants.js";
+import { receiverTrackingJudge, receiverTrackingPilots } from "../../../generated/constants.js";
 import { identity, multiply3 } from "../../link/linear.js";
 import { movedCorners } from "../pilots/motion.js";
 import { PilotSearch } from "../pilots/search/pilotSearch.js";
@@ -11,7 +11,8 @@ import { Follower } from "./follow.js";
 
 /** @typedef {import("./patches.js").Tracked} Tracked */
 
-export const { WATCHED, CHECK_EVERY, LEAST_EVIDENCE, PATIENCE, SOON } = receiverTrackingPilots;
+export const { WATCHED, CHECK_EVERY, LEAST_EVIDENCE, PATIENCE } = receiverTrackingJudge;
+const { SOON } = receiverTrackingPilots;
 
 /** Finds a display that shows one of several layouts with pilots, and follows it. */
 export class PilotTracker {
