@@ -110,7 +110,7 @@ def key_of(line: dict[str, Any]) -> tuple[Any, ...]:
     return tuple(line[name] for name in ("condition", "method", *FRAME, "mark"))
 
 
-def to_records(lines: Iterable[dict[str, Any]], condition: str = "") -> pd.DataFrame:
+def to_records(lines: Iterable[dict[str, Any]]) -> pd.DataFrame:
     """Make the table of predictions.
 
     >>> line = {"method": "oorc", "pair": "canon-lg", "view_deg": 45.0, "kappa": 3, "index": 0,
@@ -120,14 +120,13 @@ def to_records(lines: Iterable[dict[str, Any]], condition: str = "") -> pd.DataF
     0   oorc      2        1
 
     Args:
-        lines: predictions as `to_line` makes them.
-        condition: name of the condition, for lines that do not name theirs.
+        lines: predictions as `to_line` makes them, with a condition where it is not "".
 
     Returns:
         `COLUMNS` (scores and bits are arrays (n_bits,) of each row; view_deg and kappa are missing
         where unknown), and the numbers of bits that are ``known`` and decided ``correct``-ly.
     """
-    table = pd.DataFrame([{"condition": condition, **line} for line in lines], columns=COLUMNS)
+    table = pd.DataFrame([{"condition": "", **line} for line in lines], columns=COLUMNS)
     table["scores"] = [np.array(scores, np.float64) for scores in table["scores"]]
     table["bits"] = [np.array(bits, np.int64) for bits in table["bits"]]
     table["view_deg"] = pd.to_numeric(table["view_deg"]).astype("Float64")

@@ -1,11 +1,11 @@
 """Independent tasks whose results a study needs all: in parallel, and kept as they are made.
 
-`each_result` runs tasks. `resume` also appends every result to a file of JSON lines, so that a
-restarted command goes on where it was cut off.
+Every result is added to a file of JSON lines, so that a restarted command goes on where it was cut
+off.
 """
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -17,39 +17,6 @@ from reports.engine.backends import Backend, run_tasks
 from reports.engine.checked import read_sealed, seal
 
 T = TypeVar("T")
-R = TypeVar("R")
-
-
-def each_result(
-    task: Callable[[T], R], items: Mapping[str, T], backend: Backend, title: str, done: int = 0
-) -> Iterator[tuple[str, R]]:
-    """Run a task for each item, in parallel, under a progress bar.
-
-    >>> dict(each_result(abs, {"one": -1, "two": -2}, Backend(), title="count"))
-    {'one': 1, 'two': 2}
-
-    Args:
-        task: function that is called with an item; picklable, as are items and results.
-        items: arguments of the task by a name that tells them apart.
-        backend: processes of this machine, or a Dask cluster.
-        title: words before the progress bar.
-        done: number of items that were finished earlier, for the progress bar alone.
-
-    Yields:
-        the name of an item and its result, in the order in which tasks finish.
-
-    Raises:
-        InputError: some tasks failed; it is raised after the last result.
-    """
-    names, failed = list(items), []
-    for outcome in run_tasks(task, list(items.values()), backend, title, done):
-        if outcome.failure is not None:
-            failed.append(f"{names[outcome.index]}: {outcome.failure.reason}")
-        else:
-            yield names[outcome.index], outcome.result
-    if failed:
-        total = done + len(names)
-        raise InputError(f"{title}: {len(failed)} of {total} failed: {'; '.join(failed)}")
 
 
 def resume(
@@ -76,13 +43,19 @@ def resume(
     with locked(file.parent):
         results = _read(file)
         missing = {name: item for name, item in items.items() if name not in results}
+        names, failed, done = list(missing), [], len(items) - len(missing)
         with file.open("a", encoding="utf-8") as stream:
-            finished = len(items) - len(missing)
-            for name, result in each_result(task, missing, backend, title, finished):
-                line = seal({"name": name, "result": result})
+            for outcome in run_tasks(task, list(missing.values()), backend, title, done):
+                name = names[outcome.index]
+                if outcome.failure is not None:
+                    failed.append(f"{name}: {outcome.failure.reason}")
+                    continue
+                line = seal({"name": name, "result": outcome.result})
                 stream.write(line)
                 stream.flush()
                 results[name] = json.loads(line)["result"]
+    if failed:
+        raise InputError(f"{title}: {len(failed)} of {len(items)} failed: {'; '.join(failed)}")
     return {name: results[name] for name in items}
 
 

@@ -19,7 +19,7 @@ from lab.study import stored_results
 from link.errors import InputError
 from reports.engine.backends import Backend
 from reports.engine.checked import seal
-from reports.engine.stored import each_result, resume
+from reports.engine.stored import resume
 
 RUN = Delivery("canon-lg", 0.0, 0, "a", True, False, 2.0, 100, 5)
 
@@ -79,8 +79,6 @@ def test_one_that_fails_is_named_after_the_others_were_stored(tmp_path: Path) ->
     with pytest.raises(InputError, match=r"double: 1 of 3 failed: bad: ValueError: made to fail"):
         resume(double, {"one": 1, "bad": -1, "two": 2}, file, Backend(), "double")
     assert len(file.read_text().splitlines()) == 2
-    with pytest.raises(InputError, match="1 of 1"):
-        list(each_result(double, {"bad": -1}, Backend(), "double"))
 
 
 # The delivery of messages
