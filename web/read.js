@@ -62,7 +62,7 @@ let message = null;
 let seconds = 0;
 let last = 0;
 for (const { plane, time, fps } of framesOf()) {
-  receiver ??= new Receiver(decoders, fps, Infinity, filmGraph);
+  receiver ??= new Receiver(decoders, filmGraph, fps);
   const start = performance.now();
   const step = await receiver.push(plane, time);
   seconds += (performance.now() - start) / 1000;

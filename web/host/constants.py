@@ -30,6 +30,7 @@ SHARED = [
         "link/[a-z]*",
         "link/*/*",
         "models/film/window",
+        "models/pairwise",
         "receiver/**/*",
         "sender/compact",
         "web/host/tables",

@@ -24,6 +24,7 @@ from link.files.together import lent_folder
 from link.images import write_bytes, write_image
 from link.presets import PRESETS
 from models import FILM_GRAPH, shipped_graphs
+from models.film.window import reads_films
 from sender.compact import TEMPLATE
 from web.host.constants import write_constants
 from web.host.demo import write_demo
@@ -151,11 +152,11 @@ def write_inputs(folder: Path) -> None:
 
 
 def write_presets(folder: Path) -> None:
-    """Write the graphs of the presets, and the table of what the receiver knows of each."""
-    names = {preset.layout: name for name, preset in PRESETS.items()}
+    """Write the graphs of the presets that the page reads, and what it knows of each."""
+    names = {preset.layout: name for name, preset in PRESETS.items() if reads_films(preset.layout)}
     tables = []
-    for layout, graph in shipped_graphs().items():
-        name = names[layout]
+    for layout, name in names.items():
+        graph = shipped_graphs()[layout]
         model = f"models/{name}.onnx"
         write_bytes(folder / model, graph.read_bytes())
         tables.append({"name": name, "model": model, "layout": layout_table(layout)})

@@ -2,64 +2,42 @@
 
 Places of pilots, tiles of patches, dither and room for it are drawn here once, so that the pages do
 not repeat it.
+
+The page that sends shows every preset. The page that reads knows those that the film decoder reads,
+which have pilots; `paper` is read by ``python -m receiver``.
 """
 
 import base64
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from link.code.framing import longest_message
 from link.embed import levels_by_step, with_head_room
 from link.layout import Layout
 from link.presets import Preset, needed_camera_fps
-from link.ratex import TILES, shown_levels, tile_labels, tile_levels
+from link.ratex import TILES, shown_levels
 from models.film.window import reads_films
-from receiver.locate.patches import DRAWN_KAPPA
-from receiver.locate.spots import template_bank
 from sender.compact import Compact, rule_page
 from sender.hiding import Hiding, Onlooker
 
-LEADING = 24
-"""Number of directions in the space of windows along which the page compares all templates of
-patches. The rest of a window and the rest of a template have lengths, which bound what the rest can
-add to the correlation; only where that could make a match is the whole window compared."""
-
 
 def layout_table(layout: Layout) -> dict[str, Any]:
-    """Describe a layout for `Layout` of web/port/link/layout.js, in JSON's types.
+    """Describe a layout with pilots for `Layout` of web/port/link/layout.js, in JSON's types.
 
     >>> from link.layout import make_layout
     >>> layout_table(make_layout(4, 4, modulation="antipodal", pilots=4))["pilot_bits"]
     [0, 1, 0, 1]
     """
     return {
-        **layout.to_dict(),
-        "reads_films": reads_films(layout),
+        "rows": layout.rows,
+        "cols": layout.cols,
+        "width": layout.width,
+        "height": layout.height,
         "code_signs": layout.code.signs.tolist(),
         "pilot_blocks": layout.pilot_blocks.tolist(),
         "pilot_bits": layout.pilot_bits.tolist(),
-        "tile_levels": tile_levels(layout, 0).tolist(),
-        "tile_levels_toggled": tile_levels(layout, DRAWN_KAPPA).tolist(),
-        "tile_labels": tile_labels(layout).tolist(),
-        "bank_directions": base64.b64encode(bank_directions(layout).tobytes()).decode(),
     }
-
-
-@lru_cache(maxsize=8)
-def bank_directions(layout: Layout) -> NDArray[np.float32]:
-    """Find the orthonormal directions along which the templates of a layout's patches vary most.
-
-    Returns:
-        (`LEADING`, WINDOW_PX**2) float32; empty where the layout has no patches.
-    """
-    if not layout.ratex:
-        return np.empty((0, 0), np.float32)
-    templates, _ = template_bank(layout)
-    directions = np.linalg.svd(templates.astype(np.float64), full_matrices=False)[2][:LEADING]
-    return directions.astype(np.float32)
 
 
 def send_preset(name: str, preset: Preset) -> dict[str, Any]:
@@ -78,6 +56,7 @@ def send_preset(name: str, preset: Preset) -> dict[str, Any]:
     return {
         "name": name,
         "purpose": preset.purpose,
+        "read_by_page": reads_films(layout),
         "needs_fps": preset.needs_camera_fps,
         "better_fps": needed_camera_fps(2 * state_hz),
         "seen": round(hiding.seen(kappa), 3),

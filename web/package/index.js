@@ -28,8 +28,8 @@ import { messageEvent, pairEvent, rounded } from "./events.js";
 
 /** What is looked for, by the name of its preset. @type {Map<string, Decoder>} */
 const decoders = new Map();
-/** Decodes windows of film. @type {FilmGraph | null} */
-let film = null;
+/** Decodes windows of film, once it is loaded. @type {FilmGraph} */
+let film;
 
 /**
  * Load what all receivers need, once.
@@ -71,7 +71,8 @@ export class Receiver {
   /**
    * @param {number} fps - nominal number of frames of the camera in a second
    * @param {object} [options]
-   * @param {string[]} [options.models] - names of the presets that are looked for; all if absent
+   * @param {string[]} [options.models] - names of the presets that are looked for, of `hidden`, `fast`
+   *   and `robust`; all if absent
    * @param {Uint8Array | null} [options.key] - deliver only what was sent with this key
    * @param {number | null} [options.maxAgeS] - largest age of a message with a key, seconds
    * @param {boolean} [options.scores] - whether frame pairs come with their scores, too
@@ -83,10 +84,13 @@ export class Receiver {
     if (decoders.size === 0) throw new Error("await load() before the first receiver is made");
     const wanted = (models ?? [...decoders.keys()]).map((name) => {
       const decoder = decoders.get(name);
-      if (!decoder) throw new Error(`unknown preset ${name}; choose of ${[...decoders.keys()]}`);
+      if (!decoder) {
+        const read = [...decoders.keys()].join(", ");
+        throw new Error(`models: ${name} is none of ${read}; python -m receiver reads paper, too`);
+      }
       return decoder;
     });
-    this.#receiver = new FrameReceiver(wanted, fps, frameMs, film);
+    this.#receiver = new FrameReceiver(wanted, film, fps, frameMs);
     if (key !== null && !(key instanceof Uint8Array)) throw new Error("key: need bytes, or null");
     if (key === null && maxAgeS !== null) throw new Error("maxAgeS: only with a key");
     this.#inbox = new Inbox(key === null ? null : new Verifier(key, maxAgeS));

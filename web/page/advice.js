@@ -5,6 +5,8 @@ import { MIN_FRAMES } from "../port/receiver/timing/synchronise.js";
 
 /** Seconds of vain search after which the page gives advice. */
 export const PATIENCE_S = 4;
+/** What is said where no display is found for long. */
+const ONLY_IN_PYTHON = "Displays of the preset paper are not read here, but by python -m receiver.";
 /** Share of the bar that is left to the frames which the display's clock is found in. */
 const FINDING = 0.3;
 /** Largest share of the bar before the message is there. */
@@ -68,7 +70,8 @@ export function adviceFor(sight, waiting, image) {
     return (
       "Fit the whole display into the frame, as large as you can, and hold the camera still. " +
       (isDark ? "It is dark: come closer, or turn the display brighter. " : "") +
-      (sight.slow ? `T${sight.slow.slice(1)}.` : "If it is far away, come closer.")
+      (sight.slow ? `T${sight.slow.slice(1)}.` : "If it is far away, come closer.") +
+      (waiting > 3 * PATIENCE_S ? ` ${ONLY_IN_PYTHON}` : "")
     );
   }
   if (sight.cut) return "A part of the display is outside the picture. Move back a little.";

@@ -96,6 +96,7 @@ function numberOf(number) {
 /** Say what the preset needs, and how long a loop lasts. */
 function sayCost() {
   const { purpose, needs_fps, better_fps, seen, distance_m, longest_bytes, n_bits, loop } = chosen();
+  const reader = chosen().read_by_page ? "" : " No page reads it, but python -m receiver does.";
   const size = length();
   const pairs = framesNeeded(Math.min(Math.max(size, 1), longest_bytes), n_bits);
   const [file] = byId("file").files;
@@ -104,7 +105,7 @@ function sayCost() {
   const better = better_fps > needs_fps ? `, better ${better_fps}` : "";
   byId("cost").textContent =
     `${purpose} Its flicker ${flicker} what is just seen from ${distance_m} m. ` +
-    `It needs a camera of ${needs_fps} frames a second${better}. ` +
+    `It needs a camera of ${needs_fps} frames a second${better}.${reader} ` +
     `${message} has ${numberOf(size)} of at most ${numberOf(longest_bytes)} bytes, and comes ` +
     `round every ${numberOf((2 * pairs) / loop.state_hz)} s.`;
   byId("flicker").hidden = !loop.flicker;

@@ -33,8 +33,8 @@ const WARM_MS = 800;
 const presets = new Map();
 /** @type {RemoteDecoder[]} */
 const decoders = [];
-/** Decodes windows of film. @type {WindowDecoder | null} */
-let filmScorer = null;
+/** Decodes windows of film, once it is loaded. @type {WindowDecoder} */
+let filmScorer;
 /** What is read to get ready; null before it is loaded. @type {WarmFilm | null} */
 let warmFilm = null;
 
@@ -171,7 +171,7 @@ async function planeOf({ frame, rotation = 0, rgba }) {
 function start(fps, key, maxAgeS, isCamera) {
   film.fps = fps;
   film.scores = null;
-  film.receiver = new Receiver(decoders, fps, isCamera ? FRAME_MS : Infinity, filmScorer, isCamera);
+  film.receiver = new Receiver(decoders, filmScorer, fps, isCamera ? FRAME_MS : Infinity, isCamera);
   const isSame = key && judge.key && equalBytes(key, judge.key) && maxAgeS === judge.maxAgeS;
   if (!isSame) Object.assign(judge, { key, maxAgeS, verifier: key && new Verifier(key, maxAgeS) });
   film.inbox = new Inbox(judge.verifier);

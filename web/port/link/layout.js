@@ -1,4 +1,4 @@
-/** Layouts: which blocks of the display carry message bits, and which are known. */
+/** Layouts with pilots: which blocks of the display carry message bits, and which are known. */
 
 import { PilotCode } from "./pilotCode.js";
 
@@ -18,37 +18,18 @@ export class Layout {
     this.width = table.width;
     /** Height of the displayed frame, in pixels. @type {number} */
     this.height = table.height;
-    /** Row and column of the blocks that are ratex patches. @type {[number, number][]} */
-    this.ratex = table.ratex;
-    /** Name of the modulation: "on_off" or "antipodal". @type {string} */
-    this.modulation = table.modulation ?? "on_off";
-    /** Whether the film decoder reads it. @type {boolean} */
-    this.readsFilms = table.reads_films;
     /** Code of the order in which the two states of frame pairs are shown. */
     this.code = new PilotCode(table.code_signs);
     /** Numbers of the blocks that are pilots. */
     this.pilotBlocks = Int32Array.from(table.pilot_blocks);
     /** Known bits of the pilots, 0 or 1. */
     this.pilotBits = Uint8Array.from(table.pilot_bits);
-    /** Intensities of each patch's 16 tiles in the darker frame. @type {number[][]} */
-    this.tileLevels = table.tile_levels.map((/** @type {number[][]} */ tiles) => tiles.flat());
-    /** Intensities of each patch's 16 tiles where tiles toggle. @type {number[][]} */
-    this.tileLevelsToggled = table.tile_levels_toggled.map((/** @type {number[][]} */ tiles) =>
-      tiles.flat(),
-    );
-    /** Labels, 0 or 1, of each patch's 16 tiles. @type {number[][]} */
-    this.tileLabels = table.tile_labels.map((/** @type {number[][]} */ tiles) => tiles.flat());
-    const directions = Uint8Array.from(atob(table.bank_directions), (byte) => byte.charCodeAt(0));
-    /** (LEADING, WINDOW_AREA) directions along which the templates of patches vary most. */
-    this.bankDirections = new Float32Array(directions.buffer);
-    const taken = new Uint8Array(this.rows * this.cols);
-    for (const [row, col] of this.ratex) taken[row * this.cols + col] = 1;
-    for (const block of this.pilotBlocks) taken[block] = 1;
     /** 1 where a block carries a message bit, else 0. */
-    this.messageMask = taken.map((value) => 1 - value);
+    this.messageMask = new Uint8Array(this.rows * this.cols).fill(1);
+    for (const block of this.pilotBlocks) this.messageMask[block] = 0;
     /** Numbers of the blocks that carry message bits, in order. */
     this.messageBlocks = Int32Array.from(
-      [...taken.keys()].filter((block) => this.messageMask[block]),
+      [...this.messageMask.keys()].filter((block) => this.messageMask[block]),
     );
   }
 

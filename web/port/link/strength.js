@@ -3,11 +3,10 @@
  * follows from the picture's light and texture (link/strength.py).
  */
 
-import { layout, strength } from "../../generated/constants.js";
+import { strength } from "../../generated/constants.js";
 
-const { LUMINANCE_FROM_RGB } = layout;
 const {
-  STEPS_PER_OCTAVE, FACTORS, LIGHT, EVEN, EVEN_LIGHT, MASKING_WEIGHT, MASKING_EXPONENT,
+  LUMINANCE_FROM_RGB, STEPS_PER_OCTAVE, FACTORS, LIGHT, EVEN, EVEN_LIGHT, MASKING_WEIGHT, MASKING_EXPONENT,
   MASKING_SCALE, SIGNAL_EXPONENT, STILL_SENSITIVITY, UNCERTAINTY_BLOCKS, AROUND_BLOCKS,
 } = strength;
 

@@ -3,8 +3,8 @@
  *
  * `Receiver.push` takes one camera frame through all stages. What the display shows need not be
  * known beforehand: the receiver looks for the layouts of all its decoders, and goes on with the
- * one that it finds (reader.js). Frames are gray. Two single images, which Python's receiver
- * decodes too, are left out.
+ * one that it finds (reader.js). Frames are gray. All layouts have pilots: displays with ratex
+ * patches, and two single images, are read by Python's receiver alone.
  */
 
 import { images, receiverTrackingJudge } from "../../generated/constants.js";
@@ -12,17 +12,15 @@ import { DisplayReader } from "./reading/reader.js";
 import { Repeats } from "./repeats.js";
 import { Rests } from "./rests.js";
 import { Sight, StageTimes } from "./sight.js";
-import { Tracker } from "./tracking/patches.js";
 import { PilotTracker } from "./tracking/pilots.js";
 
 /** @typedef {import("../export/filmGraph.js").WindowDecoder} WindowDecoder */
 /** @typedef {import("./reading/pairs.js").PairDecoder} PairDecoder */
 /** @typedef {import("./reading/reader.js").Reading} Reading */
-/** @typedef {import("./reading/reader.js").Tracked} Tracked */
-/** @typedef {import("./tracking/patches.js").DisplayTracker} DisplayTracker */
+/** @typedef {import("./tracking/pilots.js").Tracked} Tracked */
 
 export const { MIN_SIDE_PX } = images;
-export const { STILL_S, STILL_FRAMES, AMISS_PAIRS } = receiverTrackingJudge;
+export const { AMISS_PAIRS } = receiverTrackingJudge;
 
 /**
  * What one camera frame brought: the display, or null where it was not found, frame pairs that
@@ -39,27 +37,27 @@ export class Receiver {
   #sight = new Sight();
   /** @type {Tracked | null} */
   #tracked = null;
-  #trackers;
+  #tracker;
   /** @type {Map<Layout, DisplayReader>} */
   #readers;
   /** @type {DisplayReader} */
   #reader;
-  /** @type {DisplayTracker | null} */
-  #following = null;
-  /** When what is followed was last found or read; frames and frame pairs until then. */
-  #toggled = { time: 0, frames: 0, decoded: 0 };
+  /** Whether a display is followed. */
+  #isFollowing = false;
+  /** Number of frame pairs decoded when information of a message last came. */
+  #toggled = 0;
 
   /**
-   * @param {PairDecoder[]} decoders - one for each layout that is looked for
+   * @param {PairDecoder[]} decoders - one for each layout that is looked for; they read pictures
+   *   that move
+   * @param {WindowDecoder} film - reads windows of film where the picture stands still in them
    * @param {number} [fps] - nominal number of frames of the camera in a second
    * @param {number} [frameMs] - time, in milliseconds, after which a search begins no step with a
    *   frame, for a camera that does not wait
-   * @param {WindowDecoder | null} [film] - decodes windows of film where the layout and the picture
-   *   allow it; null where all is read by frame pairs
    * @param {boolean} [mayRest] - whether frames may be passed over where no display has been seen for
    *   long (`Rests`)
    */
-  constructor(decoders, fps = 30, frameMs = Infinity, film = null, mayRest = false) {
+  constructor(decoders, film, fps = 30, frameMs = Infinity, mayRest = false) {
     if (decoders.length === 0) throw new Error("decoders: need at least one");
     const layouts = decoders.map(({ layout }) => layout);
     /** Time spent in each stage so far. */
@@ -70,7 +68,7 @@ export class Receiver {
     this.frames = 0;
     this.#fps = fps;
     this.#rests = mayRest ? new Rests() : null;
-    this.#trackers = makeTrackers(layouts, fps, frameMs);
+    this.#tracker = new PilotTracker(layouts, fps, frameMs);
     const readers = decoders.map(
       (decoder) => new DisplayReader(decoder, fps, this.timing, this.#sight, film),
     );
@@ -156,69 +154,44 @@ export class Receiver {
     this.found++;
     const reading = await this.#reader.take(tracked, time, frame.width, frame.height);
     const shift = this.#reader.shift();
-    if (shift !== null) this.#following?.correct(shift);
+    if (shift !== null) this.#tracker.correct(shift);
     return { tracked, ...reading };
   }
 
   /**
    * Follow the display, or look for all layouts until one is found.
    *
-   * What is followed and stands still comes last, so that it keeps no other from being found.
+   * A display that is followed in vain is looked for anew: it may be another one.
    *
    * @param {BytePlane} frame
    * @param {number} time
    * @param {number} begun - when the work on the frame began, milliseconds of `performance.now`
    */
   #find(frame, time, begun) {
-    const followed = this.#following;
-    if (followed !== null) this.#rests?.wake(time);
-    else if (this.#rests !== null) {
-      const isIdle = this.#trackers.every((tracker) => tracker.isIdle);
-      if (this.#rests.passes(time, this.#repeats.change, isIdle)) return null;
+    const isFollowed = this.#isFollowing;
+    if (isFollowed) this.#rests?.wake(time);
+    else if (this.#rests?.passes(time, this.#repeats.change, this.#tracker.isIdle)) return null;
+    const isInVain = isFollowed && this.#isInVain();
+    if (isInVain) this.#tracker.forget();
+    const tracked = this.#tracker.follow(frame, time, begun);
+    this.#isFollowing = tracked !== null;
+    if (tracked === null || (isFollowed && !isInVain)) return tracked;
+    this.#toggled = this.decoded;
+    const reader = this.#readers.get(this.#tracker.layout);
+    if (reader === undefined) throw new Error("a tracker found a layout that has no decoder");
+    if (reader !== this.#reader || isInVain) {
+      this.#reader = reader;
+      reader.restart();
     }
-    this.#following = null;
-    const isStill = followed !== null && this.#isInVain(followed, time);
-    if (isStill) followed.setAside(time, false);
-    const others = this.#trackers.filter((tracker) => tracker !== followed);
-    const first = followed === null || isStill ? [] : [followed];
-    for (const tracker of [...first, ...others, ...(isStill ? [followed] : [])]) {
-      const tracked = tracker.follow(frame, time, begun);
-      if (tracked === null) continue;
-      this.#following = tracker;
-      const reader = this.#readers.get(tracker.layout);
-      if (reader === undefined) throw new Error("a tracker found a layout that has no decoder");
-      if (tracker !== followed) followed?.setAside(time, true);
-      const isElsewhere = isStill && tracked.anew === true;
-      if (tracker !== followed || isElsewhere) this.#toggle(time);
-      if (reader !== this.#reader || isElsewhere) {
-        this.#reader = reader;
-        reader.restart();
-      }
-      // what fails here fails again, and is told, when a pair is decoded
-      if (tracker !== followed) reader.load().catch(() => {});
-      return tracked;
-    }
-    return null;
+    // what fails here fails again, and is told, when a pair is decoded
+    reader.load().catch(() => {});
+    return tracked;
   }
 
-  /** @param {number} time - when what is followed was found, or gave something to read */
-  #toggle(time) {
-    this.#toggled = { time, frames: this.frames, decoded: this.decoded };
-  }
-
-  /**
-   * Tell whether a display has been followed in vain for long.
-   *
-   * What toggles around a picture with patches may give it a clock, and then no bit of a message.
-   *
-   * @param {DisplayTracker} followed
-   * @param {number} time - seconds
-   */
-  #isInVain(followed, time) {
-    if (this.synchronised && this.progress > 0) this.#toggle(time);
-    const since = this.#toggled;
-    if (followed.layout.ratex.length === 0) return this.decoded - since.decoded > AMISS_PAIRS;
-    return time - since.time > STILL_S && this.frames - since.frames > STILL_FRAMES;
+  /** Tell whether many frame pairs of the display that is followed gave nothing of a message. */
+  #isInVain() {
+    if (this.synchronised && this.progress > 0) this.#toggled = this.decoded;
+    return this.decoded - this.#toggled > AMISS_PAIRS;
   }
 
   /**
@@ -229,22 +202,4 @@ export class Receiver {
   async finish() {
     return { tracked: null, ...(await this.#reader.finish()) };
   }
-}
-
-/**
- * Make what finds and follows the displays of some layouts.
- *
- * @param {Layout[]} layouts - those that are looked for, each with ratex patches or pilots
- * @param {number} fps - nominal number of frames of the camera in a second
- * @param {number} [frameMs] - time, in milliseconds, after which a search begins no step with a
- *   frame
- * @returns {DisplayTracker[]}
- */
-export function makeTrackers(layouts, fps, frameMs = Infinity) {
-  const withPilots = layouts.filter((layout) => layout.pilotBlocks.length > 0);
-  const withPatches = layouts.filter((layout) => layout.pilotBlocks.length === 0);
-  /** @type {DisplayTracker[]} */
-  const trackers = withPatches.map((layout) => new Tracker(layout, frameMs));
-  if (withPilots.length > 0) trackers.push(new PilotTracker(withPilots, fps, frameMs));
-  return trackers;
 }

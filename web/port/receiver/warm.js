@@ -9,6 +9,8 @@
 import { range, scrambled } from "../link/code/scrambled.js";
 import { Receiver } from "./receiver.js";
 
+/** @typedef {import("../export/filmGraph.js").Observation} Observation */
+
 /** Frames a second of the film. */
 const WARM_FPS = 30;
 /** Number of frame pairs that are decoded, and largest number of frames until then. */
@@ -31,7 +33,8 @@ const NOISE = 3;
  */
 export async function warmUp({ layout, states }, mostMs = Infinity) {
   const end = performance.now() + mostMs;
-  const receiver = new Receiver([{ layout, decode: async () => guesses(layout) }], WARM_FPS);
+  const unused = { layout, decode: async () => ({ scores: new Float32Array(layout.nBits) }) };
+  const receiver = new Receiver([unused], { decode: guesses }, WARM_FPS);
   for (let state = 0; state < FRAMES && receiver.decoded < DECODED; state++) {
     if (performance.now() >= end) break;
     const [, embedded] = layout.code.statesOf(state >> 1);
@@ -55,9 +58,9 @@ function noisy({ width, height, data }, frame) {
 /**
  * Say scores of bits that were drawn, so that no message comes of them.
  *
- * @param {Layout} layout
+ * @param {Observation} observation - whose blocks are scored, for each of its frame pairs
  */
-function guesses({ nBits }) {
-  const words = scrambled(range(nBits), 0).low;
-  return { scores: Float32Array.from(words, (word) => (word & 1 ? 4 : -4)) };
+async function guesses({ mixture, size: [, , , rows, cols] }) {
+  const words = scrambled(range(mixture.count * rows * cols), 0).low;
+  return Float32Array.from(words, (word) => (word & 1 ? 4 : -4));
 }

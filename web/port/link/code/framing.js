@@ -1,8 +1,9 @@
 /**
- * Framing turns a message into the protected bits of a loop of frames, and back.
+ * Framing turns a message into the protected bits of a loop of frames.
  *
  * Frames of `FINE_BITS` message blocks or more are those of a fine grid, which `fine.js` describes.
- * What follows is the framing of coarse grids (link/code/framing.py):
+ * What follows is the framing of coarse grids (link/code/framing.py), which the page sends and does
+ * not read:
  *
  *     information   length (2 bytes) | message | zeros | CRC-32 of all before
  *     codeword      information + parity, rate 1/2 (`ldpc.js`): N P bits for N frames
@@ -13,16 +14,14 @@
  */
 
 import { codeFraming } from "../../../generated/constants.js";
-import { InputError } from "../errors.js";
-import { packBits, unpackBits } from "./bits.js";
+import { unpackBits } from "./bits.js";
 import { crc32 } from "./crc.js";
 import { encodeFine, fineFrames } from "./fine.js";
 import { makeCode } from "./ldpc.js";
 import { remembered } from "./remembered.js";
 import { range, scrambled, shuffled } from "./scrambled.js";
 
-export const { SIGNATURE, MAX_FRAMES } = codeFraming;
-const { FINE_BITS, LENGTH_BYTES, CRC_BYTES, SIGNED, MIN_BITS } = codeFraming;
+const { FINE_BITS, LENGTH_BYTES, CRC_BYTES, SIGNATURE, SIGNED } = codeFraming;
 
 /** @import { Content } from "./message.js" */
 
@@ -31,22 +30,8 @@ const { FINE_BITS, LENGTH_BYTES, CRC_BYTES, SIGNED, MIN_BITS } = codeFraming;
  *
  * @param {number} nBits
  */
-export function isFine(nBits) {
+function isFine(nBits) {
   return nBits >= FINE_BITS;
-}
-
-/**
- * Throw an `InputError` where a frame has too few message blocks to carry a signature.
- *
- * @param {number} nBits
- */
-export function checkBits(nBits) {
-  if (nBits < MIN_BITS) {
-    throw new InputError(
-      `layout: ${nBits} message blocks a frame, a message needs at least ${MIN_BITS}; ` +
-        "use a finer grid or fewer ratex patches",
-    );
-  }
 }
 
 /**
@@ -55,7 +40,7 @@ export function checkBits(nBits) {
  * @param {number} frames - number of frames in the loop
  * @param {number} nBits - message blocks of a frame
  */
-export function informationBytes(frames, nBits) {
+function informationBytes(frames, nBits) {
   return Math.floor((frames * (nBits - SIGNATURE)) / 16);
 }
 
@@ -89,32 +74,11 @@ const mixingOf = remembered((/** @type {number} */ length) => {
  *   signatures
  * @returns {Uint8Array} (frames) words of `SIGNATURE` bits
  */
-export function signatures(frames) {
+function signatures(frames) {
   const { high } = scrambled(range(frames), 1000 + frames);
   const words = new Uint8Array(frames); // a loop: `from` is many times slower
   for (let at = 0; at < frames; at++) words[at] = high[at] >>> (32 - SIGNATURE);
   return words;
-}
-
-/**
- * Tell which displayed bits are parity bits of the codeword.
- *
- * A change of a single byte of the message changes its CRC-32 and by it about half of the parity
- * bits, all over the loop. Most information bits stay as they are.
- *
- * @param {number} frames - number of frames in the loop
- * @param {number} nBits - message blocks of a frame
- * @returns {Uint8Array} (frames * nBits) 1 for parity; 0 for signatures and information
- */
-export function parityMask(frames, nBits) {
-  const length = frames * (nBits - SIGNATURE);
-  const { order } = mixingOf(length);
-  const { information } = codeOf(frames, nBits);
-  const mask = new Uint8Array(frames * nBits);
-  for (let at = 0; at < length; at++) {
-    mask[placeOf(at, nBits)] = order[at] >= information ? 1 : 0;
-  }
-  return mask;
 }
 
 /**
@@ -156,37 +120,4 @@ export function encode(content, nBits) {
     bits[placeOf(at, nBits)] = codeword[order[at]] ^ white[at];
   }
   return bits;
-}
-
-/**
- * Read the message of a loop of a coarse grid from its scores.
- *
- * @param {Float64Array} scores - (frames * nBits) log-likelihood ratios, positive for 1; 0 where
- *   nothing is known
- * @param {number} nBits - message blocks of a frame
- * @returns {Content | null} the message, or null where the scores do not suffice, or where the
- *   loop is not the one that `encode` makes. It is never a wrong message, short of a CRC-32 that
- *   fits by chance.
- */
-export function decode(scores, nBits) {
-  const frames = scores.length / nBits;
-  const room = informationBytes(frames, nBits) - CRC_BYTES;
-  if (room <= LENGTH_BYTES || !scores.some((score) => score !== 0)) return null;
-  const { order, white } = mixingOf(frames * (nBits - SIGNATURE));
-  const llr = new Float64Array(order.length);
-  for (let at = 0; at < order.length; at++) {
-    const score = scores[placeOf(at, nBits)];
-    llr[order[at]] = white[at] ? -score : score;
-  }
-  const code = codeOf(frames, nBits);
-  const codeword = code.decode(llr);
-  if (codeword === null) return null;
-  const data = packBits(codeword.subarray(0, code.information));
-  const view = new DataView(data.buffer);
-  const length = view.getUint16(0) % SIGNED;
-  const end = LENGTH_BYTES + length;
-  const whole = length >= 1 && end <= room && data.subarray(end, room).every((byte) => byte === 0);
-  if (!whole || crc32(data.subarray(0, room)) !== view.getUint32(room)) return null;
-  if (frames !== framesNeeded(length, nBits)) return null;
-  return { data: data.slice(LENGTH_BYTES, end), signed: view.getUint16(0) >= SIGNED };
 }

@@ -1,5 +1,5 @@
 /**
- * A low-density parity-check code of any length, and belief propagation.
+ * A low-density parity-check code of any length, in which the page sends.
  *
  * Irregular repeat-accumulate (Jin, Khandekar & McEliece 2000, as in DVB-S2): parity bit j is
  *     p_j = p_(j-1) + (sum of the information bits of check j)  mod 2,
@@ -8,17 +8,14 @@
  */
 
 import { codeLdpc } from "../../../generated/constants.js";
-import { Propagation } from "./propagation.js";
 import { shuffled } from "./scrambled.js";
 
 /** @typedef {import("./propagation.js").Sums} Sums */
 
-const { DEGREES, MAX_LLR, ITERATIONS } = codeLdpc;
+const { DEGREES } = codeLdpc;
 
 /** Number of free sockets that are looked through for one that closes no short cycle. */
 const LOOK_AHEAD = 64;
-/** @type {import("./propagation.js").Bounds} */
-const BOUNDS = { leastTanh: 1e-12, mostTanh: Math.tanh(MAX_LLR / 2), mostProduct: 1 - 1e-12 };
 
 /** A code as a graph of checks, which are sums of bits that must be 0. */
 export class Code {
@@ -56,20 +53,6 @@ export class Code {
       codeword[this.information + check] = sum;
     }
     return codeword;
-  }
-
-  /**
-   * Find the codeword by belief propagation (sum-product; all checks, then all bits).
-   *
-   * @param {Float64Array} llr - (length) log-likelihood ratios, positive for 1; 0 where nothing
-   *   was received
-   * @returns {Uint8Array | null} (length) bits, a codeword, or null where none was found
-   */
-  decode(llr) {
-    const known = llr.map((value) => -Math.min(Math.max(value || 0, -MAX_LLR), MAX_LLR));
-    const even = new Float64Array(this.parity).fill(1);
-    const beliefs = new Propagation(this.checks, even, known, BOUNDS);
-    return beliefs.run(ITERATIONS, this.checks) ? beliefs.bits(this.length) : null;
   }
 }
 

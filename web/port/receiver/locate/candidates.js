@@ -2,11 +2,10 @@
  * Rank the quadrilaterals of a photograph by how likely each is to bound a lit display.
  *
  * Quadrilaterals come from straight lines and outlines on a small copy of the image, their sides
- * snap to edges, and a score ranks them by what the image shows along their sides. Ratex patches
- * play no part here.
+ * snap to edges, and a score ranks them by what the image shows along their sides.
  */
 
-import { receiverLocateCandidates } from "../../../generated/constants.js";
+import { receiverLocateCandidates, receiverLocateRefine } from "../../../generated/constants.js";
 import { blurred } from "../../image/blur.js";
 import { keptWithImage } from "../../image/copies.js";
 import { resizeArea } from "../../image/shrink.js";
@@ -20,9 +19,9 @@ import {
   outlineSteps,
   upright,
 } from "./quads.js";
-import { OUTSIDE } from "./refine.js";
 
-const { WORK_PX, SNAP_PX, LINE_QUADS, CANDIDATES, NEAR, WEIGHTS, BIAS } = receiverLocateCandidates;
+const { WORK_PX, SNAP_PX, LINE_QUADS, NEAR, WEIGHTS, BIAS } = receiverLocateCandidates;
+const { OUTSIDE } = receiverLocateRefine;
 
 /** Units of work of moving all quadrilaterals onto edges, and of looking at all their sides. */
 const SNAP_WORK = 8;
@@ -31,34 +30,13 @@ const FEATURES_WORK = 7;
 const ALIKE_PX = 1.5;
 
 /**
- * Candidates of images, by their pixels: the searches by patches and by pilots begin with the same
- * frame.
- *
- * @type {WeakMap<Uint8Array, Located[]>}
- */
-const remembered = new WeakMap();
-
-/**
- * A display found in an image.
- *
- * @typedef {object} Located
- * @property {Quad} corners - pixels, top-left of the displayed picture first where ratex patches
- *   told the orientation, else the corner order nearest to upright in the image
- * @property {number} score - how sure the display is, in [0, 1]: where ratex patches were sought
- *   how well they are seen, else a logistic score of `sideFeatures`
- */
-
-/**
  * List quadrilaterals that may bound a lit display, step by step, the likeliest first.
  *
- * @param {BytePlane} image - it must stay as it is, as what was found in it is remembered
- * @param {number} [limit] - largest number returned
- * @returns {Steps<Located[]>} corners to about 2 px of an image of 640, with scores without regard
- *   to patches
+ * @param {BytePlane} image - it must stay as it is, as its small copy is kept
+ * @param {number} limit - largest number returned
+ * @returns {Steps<Quad[]>} corners to about 2 px of an image of 640, in the order nearest to upright
  */
-export function* candidateSteps(image, limit = CANDIDATES) {
-  const known = remembered.get(image.data);
-  if (known && limit <= CANDIDATES) return known.slice(0, limit);
+export function* candidateSteps(image, limit) {
   const { copy, scale } = smallCopy(image);
   const quads = yield* gatheringSteps(copy);
   if (!quads.length) return [];
@@ -80,13 +58,8 @@ export function* candidateSteps(image, limit = CANDIDATES) {
     first = inner;
   }
   odds[first] = top + 1e-6;
-  const found = distinct(quads, odds, Math.max(limit, CANDIDATES), SAME_PX).map((i) => ({
-    corners: onFullImage(quads[i], scale),
-    score: 1 / (1 + Math.exp(-odds[i])),
-  }));
-  if (limit <= CANDIDATES) remembered.set(image.data, found);
   yield FEATURES_WORK;
-  return found.slice(0, limit);
+  return distinct(quads, odds, limit, SAME_PX).map((i) => onFullImage(quads[i], scale));
 }
 
 /**
@@ -132,7 +105,7 @@ export function* leavingSteps(image, limit) {
  * Shrinks an image until its longer side has `WORK_PX` pixels; a smaller one keeps its size. Gives
  * the copy, and pixels of the image in one of it, on both axes.
  */
-export const smallCopy = keptWithImage((image) => {
+const smallCopy = keptWithImage((image) => {
   const factor = Math.max(1, Math.max(image.height, image.width) / WORK_PX);
   const width = Math.max(1, Math.round(image.width / factor));
   const height = Math.max(1, Math.round(image.height / factor));
@@ -147,6 +120,6 @@ export const smallCopy = keptWithImage((image) => {
  * @param {Point} scale - of `smallCopy`
  * @returns {Quad}
  */
-export function onFullImage(points, [scaleX, scaleY]) {
+function onFullImage(points, [scaleX, scaleY]) {
   return points.map(([x, y]) => [(x + 0.5) * scaleX - 0.5, (y + 0.5) * scaleY - 0.5]);
 }

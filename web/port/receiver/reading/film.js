@@ -39,7 +39,7 @@ export class FilmDesk {
   #scoredAt = -Infinity;
 
   /**
-   * @param {Layout} layout - of the display, which `readsFilms`
+   * @param {Layout} layout - of the display
    * @param {WindowDecoder} scorer - the film decoder
    * @param {number} kept - number of frames that wait at most
    */

@@ -1,6 +1,6 @@
 /** Score frame pairs one by one: each has two states, put together from camera frames. */
 
-import { receiverReadingPairs } from "../../../generated/constants.js";
+import { modelsPairwise } from "../../../generated/constants.js";
 import { Occlusion } from "./occlusion.js";
 import { blockPurity } from "./states.js";
 import { fillUnseen, unseenBlocks } from "./unseen.js";
@@ -8,7 +8,7 @@ import { fillUnseen, unseenBlocks } from "./unseen.js";
 /** @typedef {import("../sight.js").StageTimes} StageTimes */
 /** @typedef {import("./states.js").DisplayState} DisplayState */
 
-export const { PURE_FROM, PURE_TO } = receiverReadingPairs;
+export const { PURE_FROM, PURE_TO } = modelsPairwise;
 
 /**
  * What decodes frame pairs of one layout, such as a `Decoder`. It may be loaded beforehand.
@@ -66,7 +66,7 @@ export class PairScorer {
     const start = performance.now();
     const { layout } = this.#decoder;
     const images = [pair.original.image, pair.embedded.image];
-    const unseen = unseenBlocks(images[0], images[1], purityOf(pair), layout);
+    const unseen = unseenBlocks(purityOf(pair), layout);
     const [first, second] = fillUnseen(images, unseen, layout);
     const soft = await this.#decoder.decode(first, second);
     const scores = this.trust(pair).map((trust, bit) => soft.scores[bit] * trust);

@@ -6,20 +6,22 @@
  */
 
 import {
-  receiverReadingPairs, receiverReadingReader, receiverSeen,
+  receiverReadingPairs,
+  receiverReadingReader,
+  receiverSeen,
 } from "../../../generated/constants.js";
-import { makeCollector } from "../../link/code/collect.js";
+import { FineCollector } from "../../link/code/collectFine.js";
 import { informationOf } from "../../link/code/scores.js";
 import { FilmDesk, VAGUE } from "./film.js";
 import { PairScorer } from "./pairs.js";
 import { composeState, pointsInView, unseenState } from "./states.js";
 import { Synchroniser } from "../timing/synchronise.js";
-import { makeToggles } from "../timing/toggles.js";
+import { PilotToggles } from "../timing/toggles.js";
 import { CornerShift } from "../tracking/corners.js";
 
 /** @typedef {import("../../export/filmGraph.js").WindowDecoder} WindowDecoder */
 /** @typedef {import("../../link/code/message.js").Message} Message */
-/** @typedef {import("../tracking/patches.js").Tracked} Tracked */
+/** @typedef {import("../tracking/pilots.js").Tracked} Tracked */
 /** @typedef {import("../sight.js").Sight} Sight */
 /** @typedef {import("../sight.js").StageTimes} StageTimes */
 /** @typedef {import("./pairs.js").ComposedPair} ComposedPair */
@@ -77,7 +79,6 @@ export class DisplayReader {
   #next = null;
   #slips = 0;
   #toggles;
-  /** @type {FilmDesk | null} */
   #desk;
   /** @type {ComposedPair[]} */
   #waiting = [];
@@ -92,23 +93,22 @@ export class DisplayReader {
    * @param {number} fps - nominal number of frames of the camera in a second
    * @param {StageTimes} timing - takes the time spent in each stage
    * @param {Sight} sight - takes what the frames show
-   * @param {WindowDecoder | null} [film] - decodes windows of film where the layout and the picture
-   *   allow it; null where all is read by frame pairs
+   * @param {WindowDecoder} film - decodes windows of film where the picture stands still in them
    */
-  constructor(decoder, fps, timing, sight, film = null) {
+  constructor(decoder, fps, timing, sight, film) {
     this.decoder = decoder;
     this.layout = decoder.layout;
     /** Number of frame pairs decoded. */
     this.decoded = 0;
     /** Turns the scores of frame pairs into messages. */
-    this.collector = makeCollector(this.layout.nBits);
+    this.collector = new FineCollector(this.layout.nBits);
     this.#fps = fps;
     this.#timing = timing;
     this.#sight = sight;
     this.#scorer = new PairScorer(decoder, timing);
     this.#corners = new CornerShift(this.layout);
-    this.#toggles = makeToggles(this.layout);
-    this.#desk = film && this.layout.readsFilms ? new FilmDesk(this.layout, film, MOST_WHOLE) : null;
+    this.#toggles = new PilotToggles(this.layout);
+    this.#desk = new FilmDesk(this.layout, film, MOST_WHOLE);
     /** Finds and holds the display's clock. */
     this.sync = new Synchroniser(fps, this.#toggles, this.layout.code);
   }
@@ -118,7 +118,7 @@ export class DisplayReader {
     this.sync = new Synchroniser(this.#fps, this.#toggles, this.layout.code);
     this.#slips = 0;
     this.#buffer = [];
-    this.#desk?.clear();
+    this.#desk.clear();
     this.#startRun();
   }
 
@@ -131,9 +131,9 @@ export class DisplayReader {
     this.collector.startRun();
   }
 
-  /** Get ready: frames of this layout will soon come. A film decoder mostly needs no other. */
+  /** Get ready: frames of this layout will soon come. The film decoder mostly needs no other. */
   async load() {
-    await (this.#desk ?? this.decoder).load?.();
+    await this.#desk.load();
   }
 
   /**
@@ -149,7 +149,7 @@ export class DisplayReader {
     const start = performance.now();
     const { anew, before = [], clock } = tracked;
     if (anew) {
-      this.#desk?.clear();
+      this.#desk.clear();
       this.#corners = new CornerShift(this.layout);
       for (const waiting of this.#buffer) waiting.moved = null;
     }
@@ -187,7 +187,7 @@ export class DisplayReader {
     this.sync.add(time, measured, fit);
     const frame = { time, rectified, inView };
     this.#buffer.push({ frame, measured, moved: this.#corners.total });
-    this.#desk?.add(frame);
+    this.#desk.add(frame);
     if (this.#buffer.length > MOST_WHOLE) this.#buffer.shift();
     return inView;
   }
@@ -240,7 +240,7 @@ export class DisplayReader {
     const last = buffer[buffer.length - 1].frame.time;
     const isOver = now === Infinity;
     const end = clock.number(isOver ? last + clock.latest : now + clock.earliest);
-    const most = isOver ? Infinity : this.#desk === null ? PAIRS_A_FRAME : MOST_WAITING;
+    const most = isOver ? Infinity : MOST_WAITING;
     while (end >= 2 * this.#next + 2 && this.#waiting.length < most) {
       this.#compose(clock, this.#next++);
     }
@@ -278,11 +278,9 @@ export class DisplayReader {
       over++;
     }
     const moved = buffer.splice(0, over).map((waiting) => waiting.moved);
-    if (this.#desk !== null) {
-      // it reads what a slow camera sees of one state alone
-      original ??= unseenState(embedded);
-      embedded ??= unseenState(original);
-    }
+    // the film decoder reads what a slow camera sees of one state alone
+    original ??= unseenState(embedded);
+    embedded ??= unseenState(original);
     if (original && embedded) this.#waiting.push({ number, original, embedded, moved });
     this.#timing.add("compose", start);
   }
@@ -299,7 +297,7 @@ export class DisplayReader {
    */
   async #nextScored(clock, isOver) {
     const [waiting, desk] = [this.#waiting, this.#desk];
-    if (this.#scored.length === 0 && waiting.length > 0 && desk !== null && this.#byPairs === 0) {
+    if (this.#scored.length === 0 && waiting.length > 0 && this.#byPairs === 0) {
       const waitingS = 2 * clock.period * waiting.length;
       if (!isOver && !desk.due(this.#fps, waitingS)) return null;
       const start = performance.now();

@@ -8,7 +8,7 @@ import { DisplayClock } from "../../link/clock.js";
 import { clocksTried } from "../pilots/code.js";
 import { ClockFit, ToggleWindow } from "./fit.js";
 
-/** @typedef {import("./toggles.js").Toggles} Toggles */
+/** @typedef {import("./toggles.js").PilotToggles} PilotToggles */
 
 export const {
   MIN_WINDOW_S, WINDOW_S, MIN_FRAMES, CODED_WINDOW, AWAY_S, REFIT_S, SEEK_S, CONFIRMED,
@@ -63,7 +63,7 @@ export class Synchroniser {
 
   /**
    * @param {number} fps - frames of the camera in a second; they bound delays and shutter
-   * @param {Toggles} toggles - where toggles are known, and how they are worked out
+   * @param {PilotToggles} toggles - where toggles are known, and how they are worked out
    * @param {PilotCode} [code] - says in which order the states of each frame pair are shown
    */
   constructor(fps, toggles, code = PLAIN) {

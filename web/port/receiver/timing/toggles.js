@@ -1,73 +1,11 @@
 /**
- * How much what is known to toggle differs from what is known not to, or to toggle the other way.
- *
- * Of ratex patches these are tiles of label 1 and their twins of label 0; of layouts without
- * patches these are pilots of bit 1 and of bit 0.
+ * How much more the pilots of bit 1 stand out than those of bit 0, over the parts of a display.
  */
 
 import { receiverTimingToggles } from "../../../generated/constants.js";
-import { CLEAR_MATCH, matchPatches } from "../../link/ratex.js";
 import { pilotSigns, pilotValues } from "../../link/pilots.js";
 
 export const { PARTS, LEAST_VARIANCE } = receiverTimingToggles;
-
-/**
- * Measures the toggling at some places of the display, from which its clock is found: `places`
- * (P, 2) in [0, 1]; what a rectified frame shows of the toggling, (V,) values; and the toggles (P,)
- * of n frames, in gray levels, from their values.
- *
- * @typedef {{
- *   places: Float64Array,
- *   measure: (rectified: BytePlane) => Float64Array,
- *   overTime: (values: Float64Array[]) => Float64Array[],
- * }} Toggles
- */
-
-/** Toggles of the ratex patches. */
-export class PatchToggles {
-  /** @param {Layout} layout - with at least one patch */
-  constructor(layout) {
-    this.layout = layout;
-    /** (P, 2) x and y on the display, in [0, 1]. */
-    this.places = Float64Array.from(
-      layout.ratex.flatMap(([row, col]) => [(col + 0.5) / layout.cols, (row + 0.5) / layout.rows]),
-    );
-  }
-
-  /**
-   * Measure how much brighter tiles of label 1 are than their twins of label 0, in each patch.
-   *
-   * No change of exposure can mimic this, because both tiles of a pair of twins show the same
-   * intensity.
-   *
-   * @param {BytePlane} rectified
-   * @returns {Float64Array} (patches,) in displayed gray levels, as the patch's own contrast tells;
-   *   NaN where something covers the patch
-   */
-  measure(rectified) {
-    const { captured, shown, label, correlation } = matchPatches(rectified, this.layout);
-    const tiles = captured.length / correlation.length;
-    return correlation.map((like, patch) => {
-      if (!(like > CLEAR_MATCH)) return NaN;
-      let [both, drawn, toggled] = [0, 0, 0];
-      for (let at = patch * tiles; at < (patch + 1) * tiles; at++) {
-        both += captured[at] * shown[at];
-        drawn += shown[at] ** 2;
-        toggled += captured[at] * (2 * label[at] - 1);
-      }
-      return (2 * toggled) / tiles / (both / drawn);
-    });
-  }
-
-  /**
-   * Return the toggles of some frames as they are.
-   *
-   * @param {Float64Array[]} values
-   */
-  overTime(values) {
-    return values;
-  }
-}
 
 /**
  * Toggles of pilots, averaged over the parts of the display.
@@ -80,7 +18,7 @@ export class PilotToggles {
   #part;
   #signs;
 
-  /** @param {Layout} layout - with pilots */
+  /** @param {Layout} layout - of the display */
   constructor(layout) {
     this.layout = layout;
     const rows = Math.min(PARTS[0], layout.rows);
@@ -136,14 +74,4 @@ export class PilotToggles {
       return sums.map((sum, part) => sum / weights[part]);
     });
   }
-}
-
-/**
- * Make what measures the toggling of a layout with patches or pilots.
- *
- * @param {Layout} layout
- * @returns {Toggles}
- */
-export function makeToggles(layout) {
-  return layout.pilotBlocks.length > 0 ? new PilotToggles(layout) : new PatchToggles(layout);
 }

@@ -1,6 +1,6 @@
 /** Follow a display from frame to frame by optical flow, once its corners are known. */
 
-import { receiverTrackingFollow } from "../../../generated/constants.js";
+import { receiverLocateRefine, receiverTrackingFollow } from "../../../generated/constants.js";
 import { stretched } from "../../image/levels.js";
 import { bytePlane, call } from "../../image/opencv.js";
 import { chooseFeatures, chosen, fitMotion, follow, pointsOf } from "../../image/points.js";
@@ -14,13 +14,13 @@ import {
   transform,
 } from "../../link/geometry.js";
 import { multiply3 } from "../../link/linear.js";
-import { OUTSIDE } from "../locate/refine.js";
 import { Stabiliser } from "../pilots/stabilise.js";
 
 const {
   FEATURES, COMPARED_PX, HALVINGS, EVEN_MEAN, EVEN_DEVIATION, MIN_INLIERS, INLIER_PX, EDGE_PX,
   WORN_SHARE,
 } = receiverTrackingFollow;
+const { OUTSIDE } = receiverLocateRefine;
 
 /** @type {Point[]} */
 const STILL = [
@@ -34,8 +34,8 @@ const STILL = [
  * Follows the display by optical flow to a rectified reference, so that errors do not add up.
  *
  * The reference is the frame in which the display was found, and is taken anew where the picture
- * has changed (a video): points on ratex patches then hold the geometry. A display without them
- * whose picture moves is followed by what lies around it, which moves with the camera.
+ * has changed. A display whose picture moves is followed by what lies around it, which moves with
+ * the camera.
  */
 export class Follower {
   #motion = STILL;
@@ -207,23 +207,8 @@ export class Follower {
    */
   #pointsOf(reference, seen) {
     const { width, height } = reference;
-    const { layout } = this;
-    const patches = bytePlane(width, height);
-    for (const [row, col] of layout.ratex) {
-      const [top, bottom, left, right] = layout.cellBox(row, col);
-      for (let y = top; y < bottom; y++) patches.data.fill(255, y * width + left, y * width + right);
-    }
-    const rest = { width, height, data: patches.data.map((value) => 255 - value) };
-    for (const { data } of [patches, rest]) {
-      if (seen) for (let at = 0; at < data.length; at++) data[at] &= seen.data[at];
-    }
-    const points = layout.ratex.length
-      ? [
-          ...chooseFeatures(reference, FEATURES / 2, 0.05, 4, patches),
-          ...chooseFeatures(reference, FEATURES / 2, 0.02, 8, rest),
-        ]
-      : chooseFeatures(reference, FEATURES, 0.02, 8, rest);
-    return chosen(Float32Array.from(points), (i) => {
+    const points = chooseFeatures(reference, FEATURES, 0.02, 8, seen);
+    return chosen(points, (i) => {
       const [x, y] = [points[2 * i], points[2 * i + 1]];
       return x > 3 && x < width - 3 && y > 3 && y < height - 3;
     });

@@ -9,7 +9,21 @@ import { findToggling } from "../pilots/toggling.js";
 import { position } from "../pilots/waves.js";
 import { Follower } from "./follow.js";
 
-/** @typedef {import("./patches.js").Tracked} Tracked */
+/**
+ * The display in one camera frame: its corners in pixels of the frame, in corner order, and its
+ * rectified image, of the layout's size. `anew` says that the display was just found by its pilots,
+ * at a place of which nothing is known from the frames before. `before` then has frames before this
+ * one in which the display lies, too: their times, in seconds, and the display in them. `clock` says
+ * when it shows which state, where its pilots' code told it.
+ *
+ * @typedef {{
+ *   corners: Point[],
+ *   rectified: BytePlane,
+ *   anew?: boolean,
+ *   before?: { time: number, seen: Tracked }[],
+ *   clock?: DisplayClock | null,
+ * }} Tracked
+ */
 
 export const { WATCHED, CHECK_EVERY, LEAST_EVIDENCE, PATIENCE } = receiverTrackingJudge;
 const { SOON } = receiverTrackingPilots;
@@ -61,7 +75,7 @@ export class PilotTracker {
   }
 
   /** Look for the display anew, because what is followed gives nothing to read. */
-  setAside() {
+  forget() {
     this.#follower.forget();
   }
 

@@ -99,7 +99,7 @@ export class WindowSearch {
     const proposer = this.#proposer;
     const within = yield* candidateSteps(watch.reference, CANDIDATES);
     const leaving = yield* leavingSteps(watch.reference, LEAVING);
-    const edges = [...within.map((edge) => edge.corners), ...leaving];
+    const edges = [...within, ...leaving];
     const quarter = Math.floor(watch.window / 4);
     /** @type {Point[][]} */
     let faint = [];
@@ -115,7 +115,7 @@ export class WindowSearch {
       faint = [];
       for (const even of proposer.evenMeans()) {
         const edgesOf = yield* candidateSteps(even, CANDIDATES);
-        const quads = edgesOf.map(({ corners }) => watch.onImage(corners));
+        const quads = edgesOf.map((edge) => watch.onImage(edge));
         faint.push(...quads);
         const soon = yield* this.#glance(quads);
         if (soon !== null) return soon;
