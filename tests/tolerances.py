@@ -85,10 +85,8 @@ STATE_PURITY = 1e-6
 SAME_PX = 0.01
 """Pixels between places that Python and the page find by the same steps in the same image."""
 CORNERS_PX = 0.1
-"""Pixels between corners that iterations of another resolution have moved onto edges, patches or
+"""Pixels between corners that iterations of another resolution have moved onto edges or
 pilots, or between points that such a motion moves."""
-ALIGNED_PX = 0.05
-"""Pixels between corners that were aligned to patches, and between points of the same patches."""
 MOVED_PX = 1e-3
 """Pixels between points that were moved by the same homography, of which Python has float32."""
 DECODED_PX = 2e-3
@@ -100,14 +98,11 @@ LENS_FOUND_K = 0.02
 rectify in their own ways; blocks of the film are large."""
 FOUND_PX = 0.3
 """Pixels between corners of a display that both searches find."""
-TRUE_PX = 3.0
-"""Pixels between a corner that is found and the true one, whatever is in view."""
+PROPOSED_PX = 4.0
+"""Pixels between corners that edges propose and true ones, or those that Python proposes: some two
+of the small image in which edges are looked for."""
 SNAPPED_PX = 1.5
 """Pixels between sides that snap to edges: steps of a pixel are tried, and two may be as good."""
-SEARCH_SCORE = 0.01
-"""Absolute difference between scores of a search, which are of order 1."""
-VISIBILITY = 1e-3
-"""Absolute difference between correlations of patches at corners that were found."""
 SIDE_FEATURES = 0.03
 """Absolute difference between shares of a side's places: one whose step is as large as the least
 that counts may be counted or not."""

@@ -1,8 +1,8 @@
 """The receiver in the browser beside Python's, on the same films.
 
 Displays are filmed by a simulated hand-held camera of 30 frames a second. Both receivers look for
-all presets. Python's receiver reads the gray frames of each film. The page's receiver reads the
-same film in one of two ways:
+all presets that they read. Python's receiver reads the gray frames of each film. The page's
+receiver reads the same film in one of two ways:
 
 - ``--by node``: it reads the frames from a file, in Node.js, one after another; both receivers have
   one thread. The file waits for them.
@@ -54,7 +54,6 @@ if TYPE_CHECKING:
     from playwright.sync_api import Page
 
 SETTINGS = {
-    "paper": FilmSettings(n_bytes=100),
     "robust": FilmSettings(preset="robust", n_bytes=100),
     "hidden": FilmSettings(preset="hidden", kappa=1, state_hz=60, n_bytes=100),
 }

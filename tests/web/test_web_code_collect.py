@@ -1,11 +1,11 @@
-"""The page's collectors return the same messages at the same frames as Python's."""
+"""The page's collector returns the same messages at the same frames as Python's."""
 
 from collections.abc import Iterable
 
 import numpy as np
 import pytest
 from conftest import cases, slow
-from port import Port, PortError, same
+from port import Port, same
 from scores import noisy, shown
 from tolerances import FLOAT32, FLOAT32_SUM
 
@@ -27,7 +27,7 @@ def compare(port: Port, rows: Array, starts: Iterable[int] = (), counts: Iterabl
         how many messages came.
     """
     collector, rows = make_collector(rows.shape[1]), rows.astype(np.float32)
-    ported = port("link/code/collect.js").makeCollector(rows.shape[1])
+    ported = port("link/code/collectFine.js").FineCollector(rows.shape[1])
     counts, starts = list(counts) or range(1000, 1000 + len(rows)), set(starts)
     messages = 0
     for at, (row, count) in enumerate(zip(rows, counts, strict=True)):
@@ -50,50 +50,12 @@ def compare(port: Port, rows: Array, starts: Iterable[int] = (), counts: Iterabl
     return messages
 
 
-@pytest.mark.parametrize("ber", [0.001, 0.05])
-def test_a_coarse_loop_is_joined_at_every_start(port: Port, ber: float) -> None:
-    rng = np.random.default_rng(0)
-    bits = encode(rng.bytes(12), 59)
-    for start in range(len(bits)):
-        assert compare(port, shown(bits, rng, 14, start, ber, erased=0.1)) == 1
-
-
-def test_coarse_messages_that_change(port: Port) -> None:
-    """Of equal length, with one bit changed, longer; then the first again."""
-    rng = np.random.default_rng(1)
-    first = rng.bytes(12)
-    texts = [first, rng.bytes(12), first[:-1] + bytes([first[-1] ^ 1]), rng.bytes(30), first]
-    loops = [encode(text, 59, signed=at == 1) for at, text in enumerate(texts)]
-    rows = np.concatenate([shown(bits, rng, 4 * len(bits)) for bits in loops])
-    assert compare(port, rows) == 5
-
-
-def test_coarse_runs_that_are_lost(port: Port) -> None:
-    """Count slips unannounced; runs start; scores are no numbers; a third is covered and sure."""
-    rng = np.random.default_rng(2)
-    bits = encode(rng.bytes(40), 59)
-    steps = np.arange(40)
-    slips = noisy(bits[(steps + 3 * (steps // 9)) % len(bits)], 0.03, rng)
-    covered = shown(bits, rng, 30)
-    covered[::4, 10:30] = 8 * rng.choice([-1, 1], covered[::4, 10:30].shape)
-    odd = shown(bits, rng, 30)
-    odd[:, 9] = np.nan
-    odd[:, 11] *= np.inf
-    assert compare(port, slips) == 1
-    assert compare(port, covered, starts=[7, 11]) == 1
-    assert compare(port, odd, counts=range(30)) == 1
-
-
 def test_wrong_scores_are_no_message(port: Port) -> None:
     rng = np.random.default_rng(3)
-    bits = encode(rng.bytes(12), 59)
-    bodies = shown(bits, rng, 16)
-    bodies[:, 8:] = rng.normal(0, 6, bodies[:, 8:].shape)
-    noise = rng.normal(0, 6, (6, 59)).astype(np.float32)
-    fine = rng.normal(0, 6, (20, 730)).astype(np.float32)
+    noise = rng.normal(0, 6, (20, 730)).astype(np.float32)
     mixed = encode(bytes(300), 730, 2.0)
     mixed[:, 300:] = encode(bytes(299) + b"\1", 730, 2.0)[:, 300:]
-    for rows in (bodies, noise, fine, shown(mixed, rng, 16)):
+    for rows in (noise, shown(mixed, rng, 16)):
         assert compare(port, rows) == 0
 
 
@@ -141,8 +103,3 @@ def test_the_finest_grid(n_bytes: int, ber: float, port: Port) -> None:
     rng = np.random.default_rng(7)
     bits = encode(rng.bytes(n_bytes), 11674)
     assert compare(port, shown(bits, rng, 40, 5, ber, 0.1)) == 1
-
-
-def test_frames_of_too_few_blocks_for_a_signature(port: Port) -> None:
-    with pytest.raises(PortError, match="15 message blocks a frame, a message needs at least 16"):
-        port("link/code/collect.js").makeCollector(15)

@@ -205,7 +205,7 @@ def test_a_coded_film_is_read_with_its_clock(port: Port) -> None:
     receiver = Receiver([decoder], FPS, FilmGraph(FILM_GRAPH, 1))
     film = port("export/filmGraph.js").FilmGraph(FILM_GRAPH.read_bytes())
     decoders = [page.Decoder(LAYOUT, GRAPH.read_bytes())]
-    ported = port("receiver/receiver.js").Receiver(decoders, FPS, np.inf, film)
+    ported = port("receiver/receiver.js").Receiver(decoders, film, FPS)
     known, found = {}, {}
     for number, image in enumerate(images[::2]):
         for reader, pairs in ((receiver, known), (ported, found)):

@@ -17,13 +17,9 @@ from link.geometry import (
     rectify,
     transform,
 )
-from link.layout import make_layout
-from link.ratex import draw_patches, match_patches
-from link.robust import reweighted, ridge_solution
 from link.types import Array, Image
 from receiver.pilots.stabilise import FLOW_ENDS
 
-LAYOUT = make_layout(8, 8, 128, 96)
 SQUARE = np.array([[20.0, 15.0], [140.0, 12.0], [150.0, 100.0], [18.0, 95.0]])
 
 
@@ -55,26 +51,8 @@ def test_small_linear_algebra(port: Port, rng: np.random.Generator) -> None:
     A, b, linear = rng.normal(size=(8, 8)), rng.normal(size=8), port("link/linear.js")
     same(linear.solve(A, b), np.linalg.solve(A, b), within.FLOAT64)
     same(linear.inverse(A), np.linalg.inv(A), within.FLOAT64)
-    same(linear.determinant(A) / np.linalg.det(A), 1, within.FLOAT64)
     product = linear.multiply3(A[:3, :3], A[3:6, 3:6])
     same(product, A[:3, :3] @ A[3:6, 3:6], within.SAME_STEPS)
-    assert linear.determinant([1, 2, 2, 4]) == 0
-
-
-def test_robust_least_squares(port: Port, rng: np.random.Generator) -> None:
-    rows, right = rng.normal(size=(40, 3)), rng.normal(size=40)
-    right[:5] += 30
-    ridge, pull = 0.3 * np.eye(3), rng.normal(size=3)
-    solution, weights = reweighted(
-        solve=lambda w: ridge_solution(rows, right, w, ridge, pull),
-        residuals_of=lambda x: np.abs(right - rows @ x),
-        scale_of=lambda residuals: 3 * float(np.median(residuals)),
-        rounds=6,
-        weights=np.ones(40),
-    )
-    found = port("../tests/robust.js").solvedRobustly(rows, right, ridge, pull, 6)
-    same(found.solution, solution, within.FLOAT64)
-    same(found.weights, weights, within.FLOAT64)
 
 
 def is_sound(corners: Array, outside: float) -> bool:
@@ -157,17 +135,6 @@ def test_displays_are_rectified_through_a_lens(
     )
     assert most <= 2 * within.ROUNDED_LEVELS
     assert mean < within.GROWN_MEAN
-
-
-def test_patches_are_compared_with_what_was_displayed(port: Port, rng: np.random.Generator) -> None:
-    frame = np.full((96, 128), 90, np.uint8)
-    draw_patches(frame, LAYOUT, 3, embedded=True)
-    frame = np.clip(frame + rng.normal(0, 30, frame.shape), 0, 255).astype(np.uint8)
-    match, found = match_patches(frame, LAYOUT), port("link/ratex.js").matchPatches(frame, LAYOUT)
-    same(found.captured, match.captured, within.FLOAT64)
-    same(found.shown, match.shown, within.FLOAT64)
-    same(found.correlation, match.correlation, within.FLOAT64)
-    same(found.label, match.label)
 
 
 def test_points_are_chosen(port: Port, rng: np.random.Generator) -> None:

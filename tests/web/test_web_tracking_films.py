@@ -1,91 +1,21 @@
 """The page finds displays in films, follows and loses them as Python does."""
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pytest
 from pilot_films import FINE, filmed
 from port import Port, PortError, same
-from test_web_tracking import SIZE, WHOLE, hand, picture
-from test_web_tracking import filmed as photographed
-from tolerances import FOLLOWED_PX, FOUND_PX, MOVED_PX, PILOTS_CLOSE_PX
+from tolerances import MOVED_PX, PILOTS_CLOSE_PX
 
 from link.layout import make_layout
-from receiver.locate.find import is_at
 from receiver.tracking.judge import CHECK_EVERY, PATIENCE
-from receiver.tracking.patches import ASIDE_S, Tracker
 from receiver.tracking.pilots import PilotTracker
 
-PATCHES = make_layout(8, 8, 256, 192)
-STILL, MOVING = 6, 8
-"""Numbers of frames at first, and after that with a camera that moves."""
-PATCHES_JS, PILOTS_JS = "receiver/tracking/patches.js", "receiver/tracking/pilots.js"
+PILOTS_JS = "receiver/tracking/pilots.js"
 
 
-@pytest.mark.slow
-def test_a_display_with_patches_is_found_followed_lost_and_found_again(port: Port) -> None:
-    shown = picture(PATCHES, 0)
-    corners = [hand(WHOLE, max(0, number - STILL + 1)) for number in range(STILL + MOVING)]
-    images = [photographed(shown, there, number) for number, there in enumerate(corners)]
-    tracker, ported = Tracker(PATCHES), port(PATCHES_JS).Tracker(PATCHES)
-    seen = [tracker.follow(image, number / 60) for number, image in enumerate(images)]
-    assert None not in seen[STILL:]
-
-    def follow() -> int:
-        """How many frames the page sees the display in, once it has found it in all."""
-        found = 0
-        for image, there, known in zip(images, corners, seen, strict=True):
-            tracked = ported.follow(image, 0)
-            assert tracked is not None or found == 0
-            if tracked is None:
-                continue
-            found += 1
-            assert tracked.rectified.shape == (192, 256)
-            same(tracked.corners, there, FOLLOWED_PX)
-            if known is not None:
-                same(known.corners, there, FOLLOWED_PX)
-                same(tracked.corners, known.corners, FOUND_PX)
-        return found
-
-    assert follow() >= 8
-    for _ in range(3):
-        assert ported.follow(np.zeros_like(images[0]), 0) is None
-    assert follow() >= 6
-
-
-@pytest.mark.slow
-def test_what_was_set_aside_is_passed_over_for_a_time(port: Port) -> None:
-    """Two displays hang side by side, and neither toggles."""
-    shown, width = picture(PATCHES, 0), SIZE[0]
-    image = np.hstack([photographed(shown, WHOLE, 1), photographed(shown, WHOLE, 2)])
-    places = [WHOLE, WHOLE + np.array([width, 0])]
-
-    def found_by(follow: Callable[..., Any], set_aside: Callable[..., None]) -> list[int]:
-        """Which of the two is found, in turn, until both are aside and one is not any more."""
-        found: list[int] = []
-        for number in range(120):
-            tracked = follow(image, number / 30)
-            if tracked is not None and (getattr(tracked, "anew", False) or not found):
-                found += [n for n in (0, 1) if is_at(np.array(tracked.corners), [places[n]])]
-            set_aside(number / 30, False)
-        set_aside(4.0, True)
-        assert follow(image, 4.1) is None
-        later = (follow(image, 4.1 + ASIDE_S + number / 30) for number in range(30))
-        assert any(tracked is not None for tracked in later)
-        return found
-
-    tracker, ported = Tracker(PATCHES), port(PATCHES_JS).Tracker(PATCHES)
-    known = found_by(tracker.follow, lambda time, forget: tracker.set_aside(time, forget=forget))
-    assert sorted(known) == [0, 1]
-    assert found_by(ported.follow, ported.setAside) == known
-
-
-def test_layouts_need_what_their_trackers_look_for(port: Port) -> None:
-    with pytest.raises(PortError, match="patches"):
-        port(PATCHES_JS).Tracker(FINE)
+def test_layouts_need_pilots(port: Port) -> None:
     with pytest.raises(PortError, match="pilots"):
-        port(PILOTS_JS).PilotTracker([PATCHES], 30)
+        port(PILOTS_JS).PilotTracker([make_layout()], 30)
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@
  * @returns {Float64Array} (n,); not finite where A is singular
  */
 export function solve(A, b) {
-  return eliminated(A, b, b.length, 1).right;
+  return eliminated(A, b, b.length, 1);
 }
 
 /**
@@ -23,17 +23,7 @@ export function solve(A, b) {
  */
 export function inverse(A) {
   const n = Math.round(Math.sqrt(A.length));
-  return eliminated(A, identity(n), n, n).right;
-}
-
-/**
- * Find the determinant of a matrix.
- *
- * @param {Numbers} A - (n, n)
- * @returns {number}
- */
-export function determinant(A) {
-  return eliminated(A, [], Math.round(Math.sqrt(A.length)), 0).determinant;
+  return eliminated(A, identity(n), n, n);
 }
 
 /**
@@ -76,7 +66,6 @@ export function multiply3(A, B) {
 function eliminated(A, B, n, m) {
   const left = Float64Array.from(A);
   const right = Float64Array.from(B);
-  let product = 1;
   for (let at = 0; at < n; at++) {
     let pivot = at;
     for (let row = at + 1; row < n; row++) {
@@ -85,10 +74,8 @@ function eliminated(A, B, n, m) {
     if (pivot !== at) {
       swapRows(left, n, at, pivot);
       swapRows(right, m, at, pivot);
-      product = -product;
     }
     const top = left[at * n + at];
-    product *= top;
     for (let row = at + 1; row < n; row++) {
       const factor = left[row * n + at] / top;
       if (factor === 0) continue;
@@ -103,7 +90,7 @@ function eliminated(A, B, n, m) {
       right[at * m + col] = sum / left[at * n + at];
     }
   }
-  return { right, determinant: Number.isNaN(product) ? 0 : product };
+  return right;
 }
 
 /**
