@@ -142,7 +142,7 @@ addEventListener("DOMContentLoaded", () => {
 
 
 def test_the_page_says_what_is_going_on(browser, short_film) -> None:
-    found = {"corners": CORNERS, "preset": "paper", "found": 10}
+    found = {"corners": CORNERS, "preset": "robust", "found": 10}
     answers = [{}] * 5 + [found] * 8 + [{**found, "synchronised": True, "progress": 0.42}] * 8
     with open_page(browser, worker=answering(*answers, arrived("done"))) as page:
         page.add_init_script(WATCH)
@@ -336,8 +336,8 @@ def test_a_phone_loads_no_more_than_promised(site) -> None:
 
 
 def toggling(message: bytes, count: int, *, signed: bool = False) -> list[np.ndarray]:
-    """Frames, 30 a second, of a display at rest: the preset paper, 15 states a second."""
-    layout, rng = PRESETS["paper"].layout, np.random.default_rng(0)
+    """Frames, 30 a second, of a display at rest: the preset robust, 15 states a second."""
+    layout, rng = PRESETS["robust"].layout, np.random.default_rng(0)
     picture = cv2.resize(rng.uniform(60, 200, (7, 9, 3)), (layout.width, layout.height))
     bits = encode(message, layout.n_bits, signed=signed)
     loop = Loop(layout, 5, bits, lambda: iter([picture.astype(np.uint8)]))
