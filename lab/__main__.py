@@ -14,7 +14,6 @@ from link.errors import choose
 STUDIES = {
     "ablation": ("lab.ablation.study", "which switch of the decoder pays, and where"),
     "delivery": ("lab.films.delivery", "how often and how soon a message arrives from video"),
-    "film": ("lab.films.film", "what windows of film tell beyond frame pairs"),
     "page": ("lab.films.page", "the receiver in the browser beside Python's"),
     "pilot_search": ("lab.films.pilot_search", "how often displays are found by their pilots"),
     "rates": ("lab.films.rates", "how fast presets deliver a message"),

@@ -46,7 +46,6 @@ STEPS = {
     "visibility": "lab visibility --keep",
     "ablation": "lab ablation --keep",
     "paper": "lab ablation --conditions paper --rows oorc full --frames 170 --label paper --keep",
-    "film": "lab film --states 60 --keep",
 }
 """Commands by the name of their step, as they follow ``python -m``, in the order in which they are
 run; empty for `measure_table`."""
