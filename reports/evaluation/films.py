@@ -2,15 +2,18 @@
 
 from collections.abc import Sequence
 
+import pandas as pd
+
 from link.errors import at_least
 from reports.engine.backends import Backend
 from reports.engine.methods import Method, suited_to_films
 from reports.engine.predict import Condition, paper_cells, predict
 from reports.engine.provenance import provenance
 from reports.films import FilmSource, film_settings
-from reports.render.tables import summary_table
+from reports.render.tables import Table, number, percent, summary_table
 from reports.run import PREDICTIONS, RunFolder
 from reports.score.accuracy import score
+from reports.score.reliability import binned_information, confidence_bins, known_scores
 
 
 def film_conditions(
@@ -64,7 +67,28 @@ def evaluate_films(
         mine = records[records["condition"] == condition.name]
         title = f"{condition.name}: windows of films (simulated, held-out pictures)"
         tables.append(summary_table(score(mine), title).markdown())
+        tables.append(information_table(mine).markdown())
     meta = {**provenance(seed, simulated=True), "failed_cells": predicted.failed}
     folder.write_comparison(records, meta, "\n\n".join(tables))
     print(*tables, f"written: {folder.path}/predictions.jsonl, metrics.json, tables.md", sep="\n\n")
     return predicted.failed
+
+
+def information_table(records: pd.DataFrame) -> Table:
+    """Tabulate how many bits each method read at all, and what its scores tell.
+
+    Args:
+        records: predictions of one condition.
+    """
+    rows = []
+    for method in records["method"].unique():
+        scores, bits = known_scores(records, method)
+        read = scores != 0
+        bins = confidence_bins(scores[read], bits[read])
+        told = number(binned_information(bins, bits.size), 3)
+        rows.append([method, percent(read.mean()), told])
+    title = (
+        "Bits that were not erased, and the information of all in bits a block and frame pair, by "
+        "how often bits of like scores are right:"
+    )
+    return Table(("method", "read %", "information"), rows, title)

@@ -3,9 +3,8 @@
 `reports.render.reliability` shows them as tables and as a diagram.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain
 
 import numpy as np
 import pandas as pd
@@ -99,31 +98,6 @@ def confidence_bins(scores: NDArray[np.float64], bits: NDArray[np.integer]) -> l
             Bin(float(edges[i]), float(edges[i + 1]), count, right, mean, *wilson(right, count))
         )
     return bins
-
-
-def merge_bins(parts: Iterable[Sequence[Bin]]) -> list[Bin]:
-    """Count the bins of several sets of bits as if all bits had been sorted at once.
-
-    >>> one, other = (confidence_bins(np.array([score]), np.array([1])) for score in (2.0, -2.1))
-    >>> (only,) = merge_bins([one, other])
-    >>> only.count, only.correct, round(only.confidence, 2)
-    (2, 1, 0.89)
-
-    Args:
-        parts: bins of each set, as `confidence_bins` makes them.
-
-    Returns:
-        the bins that hold a bit, in ascending order.
-    """
-    alike: dict[tuple[float, float], list[Bin]] = {}
-    for found in chain.from_iterable(parts):
-        alike.setdefault((found.low, found.high), []).append(found)
-    merged = []
-    for (low, high), bins in sorted(alike.items()):
-        count, right = sum(b.count for b in bins), sum(b.correct for b in bins)
-        mean = sum(b.count * b.confidence for b in bins) / count
-        merged.append(Bin(low, high, count, right, mean, *wilson(right, count)))
-    return merged
 
 
 def decided_information(accuracy: float) -> float:

@@ -18,7 +18,8 @@ from receiver.timing.fit import ToggleWindow
 from receiver.timing.synchronise import AWAY_S, Synchroniser, needed_evidence
 from receiver.timing.toggles import PilotToggles
 
-TOGGLES = PilotToggles(PRESETS["robust"].layout)
+LAYOUT = PRESETS["robust"].layout
+TOGGLES = PilotToggles(LAYOUT)
 GRID = np.stack(np.meshgrid(*2 * [np.arange(4) / 4 + 0.125]), axis=-1).reshape(-1, 2)
 """Places, x and y in [0, 1], as those of pilots."""
 
@@ -40,8 +41,8 @@ def toggles_of(clock, times, places, rng, noise, correlation=0.0, amplitude=3.0)
 
 def values_of(toggles):
     """Values (n, pilots) of pilots whose places show toggles (n, P)."""
-    apart = pilot_centres(TOGGLES.layout)[:, None] - TOGGLES.places
-    return toggles[:, np.abs(apart).max(axis=2).argmin(axis=1)] * pilot_signs(TOGGLES.layout) / 2
+    apart = pilot_centres(LAYOUT)[:, None] - TOGGLES.places
+    return toggles[:, np.abs(apart).max(axis=2).argmin(axis=1)] * pilot_signs(LAYOUT) / 2
 
 
 def test_shares_of_exposures(port):
@@ -120,7 +121,7 @@ def test_a_synchroniser_finds_the_clock_holds_it_and_keeps_its_numbers(port):
     toggles[again] = toggles_of(late, times[again], TOGGLES.places, rng, 0.4)
     seen = (times < 0.7 * seconds) | again
     sync = Synchroniser(fps, TOGGLES)
-    meter = port("receiver/timing/toggles.js").PilotToggles(TOGGLES.layout)
+    meter = port("receiver/timing/toggles.js").PilotToggles(LAYOUT)
     ported = port("receiver/timing/synchronise.js").Synchroniser(fps, meter)
     kept = SeenFrames()
     for time, values in zip(times[seen], values_of(toggles[seen]), strict=True):
@@ -147,7 +148,7 @@ def test_a_code_s_clock_is_put_right_where_frames_are_missing(off, kept, port):
     wave = embedded_share(np.array([astuple(true)]), times, TOGGLES.places, code)[0].T
     toggles = 3 * wave + 1.5 * rng.normal(size=wave.shape)
     sync = Synchroniser(30.0, TOGGLES, code)
-    meter = port("receiver/timing/toggles.js").PilotToggles(TOGGLES.layout)
+    meter = port("receiver/timing/toggles.js").PilotToggles(LAYOUT)
     signs = port("link/pilotCode.js").PilotCode(code.signs.tolist())
     ported = port("receiver/timing/synchronise.js").Synchroniser(30.0, meter, signs)
     seen = SeenFrames()
@@ -156,7 +157,7 @@ def test_a_code_s_clock_is_put_right_where_frames_are_missing(off, kept, port):
         ported.add(time, values, False)
     sync.begin(held, times[-1])
     ported.begin(port("link/clock.js").DisplayClock(*astuple(held)), times[-1])
-    nothing = np.full(TOGGLES.layout.pilots, np.nan)
+    nothing = np.full(LAYOUT.pilots, np.nan)
     sync.update(seen.toggles, times[-1] + 0.01)
     ported.add(times[-1] + 0.01, nothing)
     assert 30 / needed_evidence(4.0, 30.0, code) < sync.best.strength < 1
@@ -166,7 +167,7 @@ def test_a_code_s_clock_is_put_right_where_frames_are_missing(off, kept, port):
 
 
 def test_toggles_are_those_of_python(port):
-    rng, layout = np.random.default_rng(7), TOGGLES.layout
+    rng, layout = np.random.default_rng(7), LAYOUT
     picture = rng.integers(90, 160, (layout.height // 32, layout.width // 32), np.uint8)
     picture = picture.repeat(32, axis=0).repeat(32, axis=1)
     shown = embed(picture, rng.integers(0, 2, layout.n_bits), layout, 3)
