@@ -110,7 +110,7 @@ REFUSED = [
     ("train", "--max-view 400", "--max-view"),
     ("train", "--seed -1", "--seed"),
     ("train_films", "--lr -1", "--lr: need more than 0"),
-    ("train_films", "--filmed paper", "films: choose one of"),
+    ("train_films", "--filmed paper", "unknown films 'paper'; choose one of: hidden, fast"),
     ("to_onnx", "none", "config.json: not found; train first"),
     ("parity", "none", "config.json: not found; train first"),
     ("runtime", "gone.png e.png", "gone.png: no such image file"),

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from conftest import Command, Refuses, cases
+from conftest import Command, Refuses
 
 import data_gen.video as film_cli
 from link.layout import make_layout
@@ -44,9 +44,6 @@ def test_a_film_shows_the_preset(name: str | None, tmp_path: Path, command: Comm
     assert (said["kappa"], said["state_hz"]) == (preset.kappa, preset.state_hz)
 
 
-@cases(
-    ("loud", "error: unknown preset 'loud'; choose one of: paper"),
-    ("", "error: Missing value for argument '--preset'"),
-)
-def test_a_wrong_preset_gives_one_line(name: str, says: str, refuses: Refuses) -> None:
-    refuses("data_gen.video", [*FILM, "--out", "a", "--preset", *name.split()], says)
+def test_a_wrong_preset_gives_one_line(refuses: Refuses) -> None:
+    says = "error: unknown preset 'loud'; choose one of: paper"
+    refuses("data_gen.video", [*FILM, "--out", "a", "--preset", "loud"], says)

@@ -103,7 +103,7 @@ def test_the_solve_is_weighted_ridge_regression(modulation: str) -> None:
     """Against rows written out twice, once for each bit."""
     layout = layout_of((8, 8), modulation)
     refiner = PilotRefiner(layout, 768.0, rounds=1, rows=True, space=True).double()
-    model = refiner.design(torch.cat(statistics_of(layout), dim=1))
+    model = refiner.design(torch.cat(statistics_of(layout)[:2], dim=1))
     S, N = model.S.detach(), model.N.detach()
     rng = np.random.default_rng(2)
     weight = torch.from_numpy(rng.uniform(0, 2, (2, 2, N.shape[2])))

@@ -19,7 +19,6 @@ from playwright.sync_api import Browser, Page
 from port import Port, same
 from web_films import write_film
 
-from export.film_graph import reads_films
 from lab.films.browser import serve_folder, text_of
 from link.code.authenticate import Verifier, sign
 from link.code.framing import encode, longest_message
@@ -29,6 +28,7 @@ from link.loop import Loop
 from link.presets import PRESETS
 from link.strength import block_steps
 from link.types import Image
+from models.film.window import reads_films
 from receiver.decoders import open_decoders
 from receiver.stream import EventStream
 from sender.player import write_player

@@ -24,7 +24,7 @@ def read(data: str | None, time: float, **stages: float) -> Read:
 def films() -> list[FilmRead]:
     python = read("yes", 2.0, track=0.1)
     reads = [read("yes", 3.0, track=0.2), read(None, 9.0, track=0.2), read("no!", 2.0, track=0.2)]
-    fields = "paper", "canon-lg", 0.0, "yes", python
+    fields = "robust", "canon-lg", 0.0, "yes", python
     return [FilmRead(*fields, found, replace(found, time=found.time + 1)) for found in reads]
 
 
@@ -35,7 +35,7 @@ def cells_of(table: page.Table) -> list[str]:
 
 def test_what_did_not_come_and_what_is_wrong_count_apart() -> None:
     cells = cells_of(page_table(films(), "node"))
-    assert cells[:2] == ["paper", "3"]
+    assert cells[:2] == ["robust", "3"]
     assert cells[2].startswith("3 (") and cells[3].startswith("1 (")
     assert cells[4] == "1"
     assert cells[7] == "1.25 (1.00 – 1.50)"
@@ -50,7 +50,7 @@ def test_before_a_camera_the_page_gets_ready_first() -> None:
 
 def test_stages_are_given_a_frame() -> None:
     row = stages_table(films()).markdown().splitlines()[-1]
-    assert row == "| paper | track | 10.00 | 20.00 | 2.0 |"
+    assert row == "| robust | track | 10.00 | 20.00 | 2.0 |"
 
 
 def test_what_was_read_can_be_stored() -> None:
@@ -83,7 +83,7 @@ def test_films_that_were_read_are_not_read_again(way, tmp_path, monkeypatch) -> 
         return asdict(films()[take.number])
 
     monkeypatch.setattr(page, "read_film", reading)
-    flags = PageFlags(by=way, films=1, settings=("paper",))
+    flags = PageFlags(by=way, films=1, settings=("robust",))
 
     def read(films: int) -> list[FilmRead]:
         workshop = Workshop(tmp_path, Backend())
@@ -91,7 +91,7 @@ def test_films_that_were_read_are_not_read_again(way, tmp_path, monkeypatch) -> 
 
     assert read(1) == films()[:1]
     assert read(2) == films()[:2]
-    assert asked == [(way, "paper", 0), (way, "paper", 1)]
+    assert asked == [(way, "robust", 0), (way, "robust", 1)]
     (tmp_path / "site" / "page.js").write_text("changed")
     assert read(1) == films()[:1]
     assert len(asked) == (3 if way == "chromium" else 2)
@@ -121,7 +121,7 @@ def test_a_film_that_is_kept_is_filmed_once(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(page, "code_digest", lambda *modules: "")
     monkeypatch.setattr(page, "write_y4m", write)
     for kept in (None, tmp_path / "kept"):
-        take = PageTake("node", "paper", 0, 0, Path(), kept)
+        take = PageTake("node", "robust", 0, 0, Path(), kept)
         for _ in range(2):
             with page.film_file(take, take.film()) as path:
                 assert path.read_text() == "film"
