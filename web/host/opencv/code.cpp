@@ -1,4 +1,4 @@
-// Long sums of src/link/code, as plain functions of WebAssembly. A browser runs JavaScript slowly
+// Long sums of web/port/link/code, as plain functions of WebAssembly. A browser runs JavaScript slowly
 // until it has compiled it, and a message is decoded only once.
 
 #include <algorithm>

@@ -1,5 +1,5 @@
 // What the page needs of OpenCV, as plain functions of WebAssembly. build.sh compiles them together
-// with the library, and src/image/opencv.js calls them. Each does what Python's cv2 does there.
+// with the library, and web/port/image/opencv.js calls them. Each does what Python's cv2 does there.
 
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
@@ -24,11 +24,11 @@ PAGE void *room(int bytes) {
 }
 
 // Bytes are blurred as floats, but as far as OpenCV blurs bytes.
-PAGE void blurred(const Plane &from, double sigma, int border, const Plane &to) {
+PAGE void blurred(const Plane &from, double sigma, const Plane &to) {
   const int length = cvRound(sigma * (from.type == CV_8U ? 3 : 4) * 2 + 1) | 1;
   Mat floats = from.mat();
   if (from.type != CV_32F) floats.convertTo(floats, CV_32F);
-  GaussianBlur(floats, to.mat(), Size(length, length), sigma, sigma, border);
+  GaussianBlur(floats, to.mat(), Size(length, length), sigma);
 }
 
 static void takeMeanAround(const Mat &from, Size around, Mat &&to) {
@@ -138,13 +138,11 @@ PAGE void slopes(const Plane &image, const Plane &across, const Plane &down) {
   Sobel(image.mat(), down.mat(), CV_32F, 0, 1);
 }
 
-// Only the first pixels of each row and column are used. A factor of 0 follows from both sizes.
-PAGE void resized(const Plane &from, int width, int height, double factor, int how,
-                  const Plane &to) {
+// Only the first pixels of each row and column are used.
+PAGE void resized(const Plane &from, int width, int height, const Plane &to) {
   Mat used = from.mat()(Rect(0, 0, width, height));
   if (from.type != to.type) used.convertTo(used, to.type);
-  const Size size = factor > 0 ? Size() : Size(to.width, to.height);
-  resize(used, to.mat(), size, factor, factor, how);
+  resize(used, to.mat(), Size(to.width, to.height), 0, 0, INTER_AREA);
 }
 
 // Interpolates between the four pixels around a place; beyond the border its last pixel counts.
@@ -250,23 +248,6 @@ PAGE void warped(const Plane &from, const Plane &H, const Plane &to) {
 
 PAGE void remapped(const Plane &from, const Plane &x, const Plane &y, const Plane &to) {
   sample(from, x.mat().ptr<float>(), y.mat().ptr<float>(), to.width * to.height, to, 0);
-}
-
-// Weights of two neighbouring pixels, or of four by cubic convolution (Keys 1981).
-static void weigh(float share, bool cubic, float *weights) {
-  const float bend = -0.75f, rest = 1 - share;
-  const auto near = [=](float apart) {
-    return ((bend + 2) * apart - (bend + 3)) * apart * apart + 1;
-  };
-  if (cubic) {
-    weights[0] = bend * share * rest * rest;
-    weights[1] = near(share);
-    weights[2] = near(rest);
-    weights[3] = bend * rest * share * share;
-  } else {
-    weights[0] = rest;
-    weights[1] = share;
-  }
 }
 
 // Adds rows of floats, times weights, to sums.
@@ -391,7 +372,7 @@ static void expose(double period, double start, double shutter, const Plane &tim
   }
 }
 
-// The shares at each place of the display; a clock is that of pilots/clock.js.
+// The shares at each place of the display; a clock is that of web/port/link/clock.js.
 PAGE void embeddedShare(const Plane &clock, const Plane &times, const Plane &places,
                         const Plane &signs, const Plane &to) {
   const double *numbers = clock.numbers(), *place = places.numbers();
@@ -484,29 +465,6 @@ PAGE void bestSlopes(const Plane &along, const Plane &later, const Plane &powers
         which[i] = slope;
       }
     }
-  }
-}
-
-// The library's own remap rounds places to parts of a pixel before version 5.
-PAGE void between(const Plane &from, const Plane &x, const Plane &y, int by, int beyond,
-                  const Plane &to) {
-  const Mat image = from.mat();
-  const bool cubic = by == INTER_CUBIC;
-  const int taps = cubic ? 4 : 2;
-  for (int i = 0; i < to.width; i++) {
-    const float atX = static_cast<float *>(x.data)[i], atY = static_cast<float *>(y.data)[i];
-    const int left = cvFloor(atX) - cubic, top = cvFloor(atY) - cubic;
-    float across[4], down[4], sum = 0;
-    weigh(atX - cvFloor(atX), cubic, across);
-    weigh(atY - cvFloor(atY), cubic, down);
-    for (int row = 0; row < taps; row++) {
-      const int inY = borderInterpolate(top + row, from.height, beyond);
-      for (int col = 0; col < taps; col++) {
-        const int inX = borderInterpolate(left + col, from.width, beyond);
-        if (inX >= 0 && inY >= 0) sum += down[row] * across[col] * image.at<float>(inY, inX);
-      }
-    }
-    static_cast<float *>(to.data)[i] = sum;
   }
 }
 
@@ -787,12 +745,12 @@ PAGE void logPower(const Plane &frames, const Plane &wave, double fine, double c
   to.mat() = 0;
   for (int part = 0; part < 2; part++) {
     const Plane sum{sums.ptr(part), CV_32F, to.width, to.height};
-    blurred(sum, coarse, BORDER_DEFAULT, {large.data, CV_32F, to.width, to.height});
-    blurred(sum, fine, BORDER_DEFAULT, sum);
+    blurred(sum, coarse, {large.data, CV_32F, to.width, to.height});
+    blurred(sum, fine, sum);
     subtract(sum.mat(), large, large);
     accumulateSquare(large, to.mat());
   }
-  blurred(to, smooth, BORDER_DEFAULT, to);
+  blurred(to, smooth, to);
   float *power = static_cast<float *>(to.data), *const middle = large.ptr<float>() + pixels / 2;
   std::copy_n(power, pixels, large.ptr<float>());
   std::nth_element(large.ptr<float>(), middle, large.ptr<float>() + pixels);
@@ -847,40 +805,6 @@ PAGE double fittedOutline(const Plane &gain, const Plane &quad, double smaller, 
   return best;
 }
 
-// Places where the logarithm of an image is steep in all directions, and more so than all around;
-// writes x and y, the steepest first, and returns their number.
-PAGE int steepest(const Plane &image, double sigma, double dark, int window, int alone,
-                  double least, const Plane &places) {
-  Mat light, steep, around;
-  image.mat().convertTo(light, CV_32F);
-  const int length = cvRound(sigma * 4 * 2 + 1) | 1;
-  GaussianBlur(light, light, Size(length, length), sigma);
-  light += dark;
-  log(light, light);
-  cornerMinEigenVal(light, steep, window);
-  dilate(steep, around, Mat::ones(alone, alone, CV_8U));
-  std::vector<Point> found;
-  findNonZero((steep >= around) & (steep > least), found);
-  std::stable_sort(found.begin(), found.end(), [&](const Point &one, const Point &two) {
-    return steep.at<float>(one) > steep.at<float>(two);
-  });
-  const int count = std::min<int>(found.size(), places.width / 2);
-  std::copy_n(found.begin(), count, static_cast<Point *>(places.data));
-  return count;
-}
-
-// Finds where a patch correlates best with a part of an image: writes x, y and the correlation.
-PAGE void bestMatch(const Plane &image, int left, int top, int width, int height,
-                    const Plane &patch, const Plane &best) {
-  Mat match;
-  Point place;
-  matchTemplate(image.mat()(Rect(left, top, width, height)), patch.mat(), match, TM_CCOEFF_NORMED);
-  patchNaNs(match);
-  minMaxLoc(match, nullptr, best.numbers() + 2, nullptr, &place);
-  best.numbers()[0] = place.x;
-  best.numbers()[1] = place.y;
-}
-
 // Correlates each part of maps, less the mean around each pixel, with what is expected there, for all
 // shifts within a reach: maps have a row each, and so have matches. Blocks that are expected not to
 // change add nothing, and of the others a sum over pixels is enough; so this takes a tenth of the time
@@ -919,119 +843,6 @@ PAGE void matchParts(const Plane &maps, int width, int aroundX, int aroundY, con
             }
           }
         }
-      }
-    }
-  }
-}
-
-// Small images of a number of patches in many turns and shapes, each of mean 0 and norm 1, and their
-// parts along orthonormal directions in which most of them lie.
-struct Bank {
-  Mat templates, directions, parts; // a row each; parts have a column for each template
-  std::vector<float> rest; // length of what the directions leave of a template
-};
-
-static std::vector<Bank> banks;
-
-// Number of templates whose bounds are summed up together; the numbers of parts are a multiple of it.
-static const int together = 16;
-
-static float product(const float *one, const float *other, int count) {
-#pragma clang fp reassociate(on)
-  float sum = 0;
-  for (int i = 0; i < count; i++) sum += one[i] * other[i];
-  return sum;
-}
-
-// Draws patches, a row of tiles for each, in all turns and shapes, and keeps them as a bank, whose
-// number it returns. Sides of a tile, of the patch in a window and of the window are in pixels.
-PAGE int keepBank(const Plane &patches, const Plane &shapes, int turns, int tiles, int tile,
-                  double blur, double seen, int side, const Plane &directions) {
-  const int each = turns * shapes.width / 3, half = side / 2, size = tiles * tile;
-  const int area = side * side;
-  Bank bank{Mat(patches.height * each, area, CV_32F), directions.mat().clone()};
-  std::vector<float> across(area), down(area);
-  for (int row = 0, drawn = 0; row < patches.height; row++) {
-    Mat fine;
-    resize(patches.mat().row(row).reshape(1, tiles), fine, Size(size, size), 0, 0, INTER_NEAREST);
-    const Plane drawing{fine.data, CV_32F, size, size};
-    blurred(drawing, blur, BORDER_REPLICATE, drawing);
-    fine -= mean(fine)[0];
-    for (int turn = 0; turn < turns; turn++) {
-      const double cosine = std::cos(2 * CV_PI * turn / turns);
-      const double sine = std::sin(2 * CV_PI * turn / turns);
-      for (int shape = 0; shape < shapes.width; shape += 3) {
-        const double *stretched = shapes.numbers() + shape;
-        Mat level = bank.templates.row(drawn++);
-        for (int at = 0; at < area; at++) {
-          const int x = at % side - half, y = at / side - half;
-          const double turnedX = cosine * x + sine * y, turnedY = cosine * y - sine * x;
-          const double u = (turnedX - stretched[2] * turnedY) / (seen * stretched[0]);
-          const double v = (turnedY - stretched[2] * turnedX) / (seen * stretched[1]);
-          across[at] = (u + 0.5) * size - 0.5;
-          down[at] = (v + 0.5) * size - 0.5;
-        }
-        between(drawing, {across.data(), CV_32F, area, 1}, {down.data(), CV_32F, area, 1},
-                INTER_LINEAR, BORDER_CONSTANT, {level.data, CV_32F, area, 1});
-        level -= mean(level)[0];
-        level /= norm(level);
-      }
-    }
-  }
-  bank.parts = bank.directions * bank.templates.t();
-  const int missing = -bank.parts.cols & (together - 1);
-  copyMakeBorder(bank.parts, bank.parts, 0, 0, 0, missing, BORDER_CONSTANT, 0);
-  for (int t = 0; t < bank.templates.rows; t++) {
-    const double along = norm(bank.parts.col(t));
-    bank.rest.push_back(std::sqrt(std::max(0.0, 1 - along * along)) + 1e-3);
-  }
-  banks.push_back(bank);
-  return banks.size() - 1;
-}
-
-// Finds where, around each spot, each patch matches best: writes its number of the template, left,
-// top and correlation, where that is more than the least.
-PAGE void bestTemplates(int number, const Plane &image, const Plane &spots, const Plane &shifts,
-                        double least, const Plane &found) {
-  const Bank &bank = banks[number];
-  const int area = bank.templates.cols, count = bank.templates.rows;
-  const int side = cvRound(std::sqrt(area)), patches = found.width / 4 / (spots.width / 2);
-  Mat levels;
-  image.mat().convertTo(levels, CV_32F);
-  std::vector<float> window(area), along(bank.directions.rows), bound(bank.parts.cols);
-  double *best = found.numbers();
-  for (int spot = 0; spot < spots.width / 2; spot++, best += 4 * patches) {
-    const Point at = static_cast<Point *>(spots.data)[spot];
-    for (int patch = 0; patch < patches; patch++) best[4 * patch + 3] = least;
-    for (int shift = 0; shift < shifts.width * shifts.width; shift++) {
-      const int *steps = static_cast<int *>(shifts.data);
-      const int x = at.x + steps[shift % shifts.width] - side / 2;
-      const int y = at.y + steps[shift / shifts.width] - side / 2;
-      const int left = std::clamp(x, 0, image.width - side);
-      const int top = std::clamp(y, 0, image.height - side);
-      Mat seen(side, side, CV_32F, window.data());
-      levels(Rect(left, top, side, side)).copyTo(seen);
-      seen -= mean(seen)[0];
-      seen /= norm(seen) + 5;
-      double rest = product(window.data(), window.data(), area);
-      for (int k = 0; k < bank.directions.rows; k++) {
-        along[k] = product(window.data(), bank.directions.ptr<float>(k), area);
-        rest -= along[k] * along[k];
-      }
-      for (int first = 0; first < bank.parts.cols; first += together) {
-        float sums[together] = {};
-        for (int k = 0; k < bank.directions.rows; k++) {
-          const float *parts = bank.parts.ptr<float>(k) + first;
-          for (int t = 0; t < together; t++) sums[t] += along[k] * parts[t];
-        }
-        std::copy_n(sums, together, bound.begin() + first);
-      }
-      const float left_over = std::sqrt(std::max(0.0, rest)) + 1e-3;
-      for (int t = 0; t < count; t++) {
-        double *entry = best + 4 * (t / (count / patches));
-        if (bound[t] + left_over * bank.rest[t] <= entry[3]) continue;
-        const float match = product(window.data(), bank.templates.ptr<float>(t), area);
-        if (match > entry[3]) std::copy_n((const double[]){t + 0., left + 0., top + 0., match}, 4, entry);
       }
     }
   }

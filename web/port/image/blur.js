@@ -1,18 +1,18 @@
 /** Averages around the pixels of real gray levels. */
 
-import { BEYOND, call, floatPlane } from "./opencv.js";
+import { call, floatPlane } from "./opencv.js";
 
 /**
- * Blur a plane as `cv2.GaussianBlur` blurs floats, or bytes before it rounds them.
+ * Blur a plane as `cv2.GaussianBlur` blurs floats, or bytes before it rounds them; beyond the border
+ * the image is mirrored.
  *
  * @param {BytePlane | FloatPlane} plane
  * @param {number} sigma - standard deviation, in pixels
- * @param {number} [beyond] - one of `BEYOND`
  * @returns {FloatPlane}
  */
-export function blurred(plane, sigma, beyond = BEYOND.reflect) {
+export function blurred(plane, sigma) {
   const result = floatPlane(plane.width, plane.height);
-  call("blurred", [plane, sigma, beyond], [result]);
+  call("blurred", [plane, sigma], [result]);
   return result;
 }
 

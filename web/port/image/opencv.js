@@ -1,5 +1,5 @@
 /**
- * OpenCV as WebAssembly, with just the functions that the receiver needs (../../opencv/opencv.cpp).
+ * OpenCV as WebAssembly, with just the functions that the receiver needs (web/host/opencv/opencv.cpp).
  *
  * The library has a memory of its own. `call` copies arguments into it, and results out of it; so
  * all that others see of it are planes and lists of numbers, which are ordinary arrays.
@@ -13,11 +13,6 @@
  * @template {Numbers} [Samples=Uint8Array]
  * @typedef {{ width: number, height: number, data: Samples }} Plane
  */
-
-/** What lies beyond the border of an image: its outermost pixels, or itself mirrored. */
-export const BEYOND = { replicate: 1, reflect: 4 };
-/** How pixels of a resized image come from those that were there. */
-export const BY = { linear: 1, cubic: 2, area: 3 };
 
 /** OpenCV's numbers of the types of samples. @type {Map<Function, number>} */
 const TYPES = new Map([

@@ -1,7 +1,6 @@
 /** Averages of the pixels that lie in each pixel of a smaller image. */
 
-import { BY, bytePlane, call, floatPlane, planeLike } from "./opencv.js";
-import { roundHalfEven } from "./round.js";
+import { bytePlane, call, floatPlane, planeLike } from "./opencv.js";
 
 /**
  * Resize a plane by averaging over areas, as `cv2.resize` with INTER_AREA does.
@@ -16,7 +15,7 @@ import { roundHalfEven } from "./round.js";
  */
 export function resizeArea(plane, width, height) {
   const result = planeLike(plane, width, height);
-  call("resized", [plane, plane.width, plane.height, 0, BY.area], [result]);
+  call("resized", [plane, plane.width, plane.height], [result]);
   return result;
 }
 
@@ -30,7 +29,7 @@ export function resizeArea(plane, width, height) {
  */
 export function areaMeans(plane, width, height) {
   const result = floatPlane(width, height);
-  call("resized", [plane, plane.width, plane.height, 0, BY.area], [result]);
+  call("resized", [plane, plane.width, plane.height], [result]);
   return result;
 }
 
@@ -43,20 +42,6 @@ export function areaMeans(plane, width, height) {
  */
 export function shrunkByWhole(plane, side) {
   const result = bytePlane(Math.floor(plane.width / side), Math.floor(plane.height / side));
-  call("resized", [plane, side * result.width, side * result.height, 0, BY.area], [result]);
-  return result;
-}
-
-/**
- * Make a plane larger, by interpolation, or smaller, by averages.
- *
- * @param {BytePlane} plane
- * @param {number} factor
- * @returns {BytePlane}
- */
-export function scaled(plane, factor) {
-  const { width, height } = plane;
-  const result = bytePlane(roundHalfEven(factor * width), roundHalfEven(factor * height));
-  call("resized", [plane, width, height, factor, factor < 1 ? BY.area : BY.linear], [result]);
+  call("resized", [plane, side * result.width, side * result.height], [result]);
   return result;
 }

@@ -51,18 +51,3 @@ export function remapped(plane, [xs, ys], width, height) {
   call("remapped", [plane, xs, ys], [result]);
   return result;
 }
-
-/**
- * Interpolate between the pixels of a plane, as `cv2.remap` does.
- *
- * @param {FloatPlane} plane
- * @param {Float32Array[]} places - x and y in the plane
- * @param {number} by - one of `BY`
- * @param {number} beyond - one of `BEYOND`
- * @returns {Float32Array} the level at each place
- */
-export function between(plane, [xs, ys], by, beyond) {
-  const levels = new Float32Array(xs.length);
-  call("between", [plane, xs, ys, by, beyond], [levels]);
-  return levels;
-}
