@@ -18,7 +18,7 @@ from export.runtime import Decoder
 from link.captures import MANIFEST, load_capture, read_manifest
 from link.frames import Captured
 from link.images import write_image
-from models import DECODERS, PRETRAINED
+from models import OF_PAIRS, PRETRAINED
 
 FILES = [PRETRAINED / "decoder.onnx", "o.png", "e.png"]
 """A decoder and a frame pair of the fixture `images`."""
@@ -147,14 +147,14 @@ def test_evaluate_decodes_captures_with_every_method(
         evaluate.main, "--captures", captures, "--run", PRETRAINED, "--out", out, "--show", shown
     )
     rows = json.loads((out / "metrics.json").read_text())["rows"]
-    assert [row["method"] for row in rows] == list(DECODERS)
+    assert [row["method"] for row in rows] == list(OF_PAIRS)
     for row in rows:
         assert (row["pair"], row["view_deg"], row["kappa"]) == ("sony-lg", 20.0, 5)
         assert (row["frames"], row["bits"]) == (2, 118)
     accuracy = {row["method"]: row["accuracy"] for row in rows}
     assert min(accuracy["oorc"], accuracy["phi"], accuracy["learned"]) > 0.85
     assert "learned" in done.stdout
-    names = {f"{number:05d}_{method}.png" for number in (0, 1) for method in DECODERS}
+    names = {f"{number:05d}_{method}.png" for number in (0, 1) for method in OF_PAIRS}
     assert {file.name for file in shown.iterdir()} == names
 
 

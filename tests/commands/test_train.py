@@ -16,7 +16,7 @@ from data_gen.frame_pair import Source
 from export.parity import Parity
 from link.errors import InputError
 from link.layout import make_layout
-from models import DECODERS, PRETRAINED
+from models import OF_PAIRS, PRETRAINED
 from models.phi import checkpoint
 from models.phi.checkpoint import load_checkpoint
 from models.phi.config import FULL, DecoderConfig
@@ -88,8 +88,8 @@ def test_metrics_compare_every_method_on_held_out_captures(run_folder: Path) -> 
     rows = metrics["rows"]
     cells = {(row["kappa"], row["view_deg"]) for row in rows}
     assert cells == {(5, 0.0), (5, 45.0), (3, 0.0), (3, 45.0)}
-    assert {row["method"] for row in rows} == set(DECODERS)
-    assert len(rows) == 4 * len(DECODERS)
+    assert {row["method"] for row in rows} == set(OF_PAIRS)
+    assert len(rows) == 4 * len(OF_PAIRS)
     assert all(row["frames"] == 1 and row["pair"] == "canon-lg" for row in rows)
     assert metrics["meta"]["simulated"] is True
 
@@ -111,7 +111,7 @@ def test_training_again_into_the_same_folder_evaluates_the_new_decoder(
         return {json.loads(line)["mark"] for line in lines}
 
     stored = marks()
-    assert len(stored) == len(DECODERS)
+    assert len(stored) == len(OF_PAIRS)
     command(train.main, *small)  # it is made again, to the same bytes
     assert (tmp_path / "decoder.pt").read_bytes() == decoder
     assert (tmp_path / "metrics.json").read_bytes() == metrics
