@@ -220,6 +220,10 @@ print(json.dumps({name: make_decoder(name).decode(pair).bits.tolist() for name i
 """
 
 
+def is_torch_free(target: str) -> bool:
+    return target.startswith(("models.paper.", "models.blind."))
+
+
 @pytest.mark.slow
 def test_methods_of_the_paper_decode_without_torch(
     rectified: Observation, frames: list[Path]
