@@ -14,14 +14,13 @@ import av
 import cv2
 import numpy as np
 import pytest
-from pilot_films import TEXT, robust_film
-from web_films import gray, limited, write_film
+from pilot_films import TEXT, filmed, robust_film
+from web_films import limited, write_film
 
 from lab.films.browser import BROWSER_FLAGS, find_browser, serve_folder, text_of
 from lab.films.y4m import write_y4m
 from link.code.authenticate import sign
 from link.code.framing import encode
-from link.loop import Loop
 from link.presets import PRESETS
 from web.host.site import WEB
 
@@ -336,17 +335,10 @@ def test_a_phone_loads_no_more_than_promised(site) -> None:
 
 
 def toggling(message: bytes, count: int, *, signed: bool = False) -> list[np.ndarray]:
-    """Frames, 30 a second, of a display at rest: the preset robust, 15 states a second."""
-    layout, rng = PRESETS["robust"].layout, np.random.default_rng(0)
-    picture = cv2.resize(rng.uniform(60, 200, (7, 9, 3)), (layout.width, layout.height))
+    """Frames, 30 a second, of a display that shows the preset robust, 15 states a second."""
+    layout = PRESETS["robust"].layout
     bits = encode(message, layout.n_bits, signed=signed)
-    loop = Loop(layout, 5, bits, lambda: iter([picture.astype(np.uint8)]))
-    states = [cv2.copyMakeBorder(gray(s), 48, 48, 64, 64, 0, value=15) for s in loop.states()]
-    noisy = [
-        np.clip(states[k // 2 % len(states)] + rng.normal(0, 1, states[0].shape), 0, 255)
-        for k in range(count)
-    ]
-    return [frame.astype(np.uint8) for frame in noisy]
+    return filmed(layout, count, seed=3, message=bits)[0]
 
 
 ONES = (1 << 16, 1 << 16, 1 << 30) * 3
