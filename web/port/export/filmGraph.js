@@ -1,6 +1,7 @@
 /** The film decoder's ONNX graph, run by onnxruntime-web; one serves all layouts. */
 
 import * as ort from "onnxruntime-web/wasm";
+import { SLOTS } from "../link/observation.js";
 import { openSession } from "./decoder.js";
 
 /** @typedef {import("../link/observation.js").Mixture} Mixture */
@@ -49,8 +50,8 @@ export class FilmGraph {
       seen: new Float32Array(length * rows * rows).fill(1),
       known: new Float32Array(rows * rows).fill(1),
       mixture: {
-        shares: new Float32Array(length * rows * rows),
-        pair: BigInt64Array.from({ length }, (_, frame) => BigInt(frame >> 1)),
+        shares: new Float32Array(length * SLOTS * rows * rows),
+        pair: BigInt64Array.from({ length: length * SLOTS }, () => -1n),
         count: length / 2,
       },
       size: [length, side, side, rows, rows],

@@ -2,7 +2,7 @@
 
 import { observation } from "../../generated/constants.js";
 
-const { SLOTS } = observation;
+export const { SLOTS } = observation;
 
 /**
  * Which frame pairs each exposure mixes, and in which shares.
