@@ -6,6 +6,7 @@ Training then moves the constants that all films share (`models.film.decoder`), 
 of each window, towards fewer wrong bits. Held-out films tell in the end what it has changed.
 """
 
+import io
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -162,9 +163,9 @@ def save_windows(file: Path, windows: list[KnownWindow]) -> None:
         parts = {"frames": frames, "seen": seen.blocks_seen, "bits": window.bits.astype(np.uint8)}
         parts |= {"shares": mixture.shares, "pair": mixture.pair}
         arrays |= {f"{name}_{number}": values for name, values in parts.items()}
-    temporary = file.with_suffix(".part.npz")
-    np.savez(temporary, count=len(windows), **arrays)
-    temporary.replace(file)
+    packed = io.BytesIO()
+    np.savez(packed, count=len(windows), **arrays)
+    write_bytes(file, packed.getvalue())
 
 
 def load_windows(recording: Recording) -> list[Window]:
