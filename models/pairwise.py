@@ -1,5 +1,7 @@
 """Frame pairs put together from the frames of a film, for decoders that take no more than two."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +39,7 @@ def decode_by_pairs(decoder: BlockDecoder, film: Observation) -> SoftBits:
         UnsuitedError: the layout lacks what the decoder needs.
     """
     layout = film.layout
+    film = replace(film, frames=tuple(gray_frames(film)))  # shrunk once for all pairs
     scores = []
     for number in range(film.mixture.count):
         original, embedded, purity = compose_pair(film, number)
