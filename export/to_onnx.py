@@ -44,12 +44,17 @@ INVERSE = onnx.defs.OpSchema(
 written in ONNX took 6 ms."""
 
 
+OPSET = 18
+"""Version of ONNX's operators: the one that torch writes without converting, in which loops within
+loops are right, and which older versions of onnxruntime have, too."""
+
+
 def _inverse(A: Any) -> Any:
     return Opset(INVERSE.domain, 1).Inverse(A)
 
 
 def _sum_pixels(frame: Any, weights: Any, stride: int) -> Any:
-    opset = Opset("", 18)
+    opset = Opset("", OPSET)
     total = opset.ConvInteger(frame, weights, strides=[stride, stride])
     return opset.Cast(total, to=onnx.TensorProto.FLOAT)
 
@@ -154,6 +159,7 @@ def _translate(
                 torch.ops.camera_display.inverse.default: _inverse,
                 torch.ops.camera_display.sum_pixels.default: _sum_pixels,
             },
+            opset_version=OPSET,
             verbose=False,
         )
     assert program is not None

@@ -4,12 +4,15 @@ Everything in this module computes what a plain expression of torch would. Each 
 that expression does not serve. `export.to_onnx` translates the custom operators.
 """
 
+from __future__ import annotations  # export cannot trace those of inner functions
+
 from collections.abc import Callable
 from typing import Any
 
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
+from torch._higher_order_ops.scan import scan as exported_scan
 from torch.nn.functional import conv2d, pad
 
 State = tuple[Tensor, ...]
@@ -97,6 +100,81 @@ def repeat_while(goes_on: Callable[..., Tensor], step: Callable[..., State], sta
         while goes_on(*state):
             state = step(*state)
         return state
+
+
+def repeat(count: int, step: Callable[..., State], state: State) -> State:
+    """Repeat a step a number of times, with gradients.
+
+    Export makes one Loop of ONNX of it, as of `repeat_while`, in place of each step's own nodes.
+
+    Args:
+        count: number of steps.
+        step: makes the next state of the number of the step, a () int64 tensor, and a state.
+        state: first state.
+
+    Returns:
+        the last state.
+
+    >>> repeat(3, lambda number, x: (x + number,), (torch.zeros(()),))
+    (tensor(3.),)
+    """
+    if torch.compiler.is_exporting():
+
+        def body(number: Tensor, *now: Tensor) -> State:
+            return (number + 1, *step(number, *now))
+
+        first = torch.zeros((), dtype=torch.int64)
+        last: State = torch.while_loop(  # type: ignore[no-untyped-call]
+            lambda number, *_: number < count, body, (first, *state)
+        )
+        return last[1:]
+    for number in range(count):
+        state = step(torch.tensor(number), *state)
+    return state
+
+
+def scan(
+    step: Callable[..., State],
+    start: Tensor | State,
+    *inputs: Tensor,
+    reverse: bool = False,
+) -> State:
+    """Go through tensors along axis 0, and pass a state from each step to the next.
+
+    A loop of Python would be unrolled on export, and needs the number of steps; torch's own becomes
+    one Scan of ONNX. It has no gradients to speak of, so training takes the loop.
+
+    Args:
+        step: takes the state's tensors and a slice of each input, and returns the next state's
+            tensors and then the outputs; no two of these may be the same tensor.
+        start: tensor or tensors of the first state.
+        inputs: tensors of the same length along axis 0.
+        reverse: whether to begin with the last slice; outputs stay in the order of inputs.
+
+    Returns:
+        the outputs, stacked along axis 0.
+
+    >>> (sums,) = scan(lambda s, x: (s + x, s + x), torch.zeros(()), torch.arange(4.0))
+    >>> sums.tolist()
+    [0.0, 1.0, 3.0, 6.0]
+    """
+    state = start if isinstance(start, tuple) else (start,)
+    size = len(state)
+    if torch.compiler.is_exporting():
+
+        def body(carried: State, slices: State) -> tuple[State, State]:
+            results = step(*carried, *slices)
+            return results[:size], results[size:]
+
+        outputs: State = exported_scan(body, state, inputs, reverse=reverse)[1]
+        return outputs
+    order = range(len(inputs[0]))
+    rows = []
+    for at in reversed(order) if reverse else order:
+        results = step(*state, *(each[at] for each in inputs))
+        state = results[:size]
+        rows.append(results[size:])
+    return tuple(torch.stack(row) for row in zip(*(rows[::-1] if reverse else rows), strict=True))
 
 
 def table(values: NDArray[Any]) -> Tensor:

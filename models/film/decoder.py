@@ -1,25 +1,28 @@
 """FilmDecoder: a window of film frames in, scores of all the frame pairs in it out, in one graph.
 
-The paper decodes two frames. A film says more: the picture stays, so its mean over the window is a
-reference with little noise, and each frame is a mixture of display states in known shares. With
-d the change of a block's mean from that reference, in a frame t,
-    d_t = sum_p s_tp x_p S a + N c_t + m + noise,
-where x_p in {-1, 1} is the bit of frame pair p and s_tp half the difference of the shares that the
+The paper decodes two frames. A film says more: the picture goes on from frame to frame, and each
+frame is a mixture of display states in known shares. With y the mean of a block, less that of the
+window's mean picture, in a frame t,
+    y_t = p_t + sum_p s_tp x_p S a + N c_t + noise_t,
+where p_t is what the picture shows, which stands still, drifts or jumps (`models.film.background`),
+x_p in {-1, 1} is the bit of frame pair p and s_tp half the difference of the shares that the
 embedded and the original state of the pair have of the exposure at that block, which follow from
-the clock. S holds what kappa gray levels become in the capture, N what changes whatever the bits,
-with coefficients of each frame's own, and m how far the mean is off. No frame is left out for
-being mixed: pairs that share a frame are solved together.
+the clock. S holds what kappa gray levels become in the capture, and N what changes all blocks
+together whatever the bits, with coefficients of each frame's own. No frame is left out for being
+mixed: pairs that share a frame are solved together.
 
 As in `models.phi.refine`, the pilots start it and the message's blocks finish it: each round
 solves the ridge problems of all frames (convex, in closed form) with the bits expected so far,
-estimates the noise of each block over time and of each frame over the blocks, and then the bits.
-The last round also knows what many blocks do together (`models.film.patterns`), and the pilots
-tell in the end whether the scores are too sure (`certainty`).
-The rounds are those of expectation maximisation (Dempster, Laird & Rubin 1977) with a mean field
-over the pairs.
+estimates how the picture of each block moves and how noisy it is at each time, and then the bits.
+Rounds also know what many blocks do together (`models.film.patterns`), and the pilots tell in the
+end whether the scores are too sure (`certainty`). The rounds are those of expectation maximisation
+(Dempster, Laird & Rubin 1977) with a mean field over the pairs.
 """
 
+from __future__ import annotations  # export cannot trace those of inner functions
+
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -35,16 +38,18 @@ from link.strength import (
     STILL_SENSITIVITY,
     UNCERTAINTY_BLOCKS,
 )
+from models.film.background import Background, Smoothed, background_of
 from models.film.patterns import find_patterns
-from models.onnx_ops import inverse_of_one
+from models.onnx_ops import inverse_of_one, repeat, scan
 from models.phi.decoder import bin_mean
 from models.phi.phi import PhiPolynomial
 from models.phi.refine import GRAY_LEVELS, MOMENTS, logs, typical_response, with_surprises
 from models.phi.refine_pilots import LEAST_RESPONSE
 from models.phi.register import derivatives
 
-ROUNDS = 3
-"""Number of rounds after the first, in which the pilots alone are known."""
+ROUNDS, EXPLAINED, LEARNED = 5, 2, 2
+"""Number of rounds, in the first of which the pilots alone tell the amplitude, and number of times
+in each that common changes are fitted, and that noise and motion are estimated."""
 FIRST_BAND, BANDS = 3, 6
 """Number of half waves over the rows of the slowest band of flicker, and how many bands there are;
 slower ones are polynomials."""
@@ -52,10 +57,19 @@ LEAST_VARIANCE = 1e-3
 """Squared gray levels that are added to the variance of a block, so that it is never 0."""
 LEAST_AMPLITUDE = 0.02
 """Smallest change of a block, in gray levels, for each unit of its bit's change."""
-LEAST_NOISE = 0.2
-"""Smallest share of a block's variance that counts as noise before any bit is known."""
 CLIP = 3.0
-"""Residual, in standard deviations, up to which a block counts in a frame's coefficients."""
+"""Residual, in standard deviations, up to which a block counts in a frame's coefficients and in
+its own noise."""
+NEAR_BLOCKS, NEAR_FRAMES = 3, 3
+"""Number of blocks along each axis, and of frames, over which squares are averaged to tell how a
+block moves, and how noisy it is, at a time: what passes covers some blocks for some frames."""
+LEAST_START, LEAST_DRIFT = 0.02, 1e-3
+"""Smallest variance of a step of a block's level, in variances of its noise, before anything is
+known and later."""
+UNSEEN = 1e6
+"""Variance, in squared gray levels, of a block that a frame does not show."""
+MOST_SURPRISING = 25.0
+"""Largest square of an innovation, in its variances, that counts as noise."""
 CERTAINTY_STEPS, CERTAINTY_PRIOR = 4, 25.0
 """Number of Newton steps by which `certainty` is found, and how precisely it is known beforehand to
 be 1, as an inverse variance."""
@@ -92,6 +106,9 @@ class Shares:
     pair: Tensor
     """(T S,) place among the pairs of the pair that each slot belongs to; 0 where none does, and
     its shares are 0."""
+    goes_to: Tensor
+    """(T, S, S) 1 where a slot of the next frame (along axis 1) belongs to the pair of a slot of
+    this frame (along axis 2), else 0."""
 
     def sums(self, values: Tensor) -> Tensor:
         """Add up what the slots of each pair hold: (T, S, B) to (P, B)."""
@@ -105,6 +122,26 @@ class Shares:
         """Mix what pairs hold as the exposures do: (P, B) to (T, B)."""
         return (self.shares * self.of_slots(values)).sum(1)
 
+    def energy(self, background: Background, smoothed: Smoothed) -> Tensor:
+        """Give the energy s' L s of each pair's shares, L the precision of the background: (P, B).
+
+        With R the noise and V the covariance of the level by all frames, L is R^-1 - R^-1 V R^-1,
+        and V between two frames is the product of what is carried from each to the next. So what a
+        pair showed so far is carried along, in the slot that the pair has in each frame.
+        """
+        weighted = self.shares / background.noise.unsqueeze(1)  # (T, S, B)
+
+        def step(
+            before: Tensor, now: Tensor, variance: Tensor, carry: Tensor, goes_to: Tensor
+        ) -> tuple[Tensor, Tensor]:
+            shown = now * (now + 2 * before) * variance
+            return goes_to @ (carry * (before + now)), shown
+
+        start = torch.zeros_like(weighted[0])
+        inputs = weighted, smoothed.variance, smoothed.carry, self.goes_to
+        (known,) = scan(step, start, *inputs)
+        return self.sums(self.shares * weighted - known)
+
 
 def shares_seen(shares: Tensor, pair: Tensor, pairs: Tensor, seen: Tensor) -> Shares:
     """Arrange a `link.observation.Mixture` for sums over pairs.
@@ -116,7 +153,10 @@ def shares_seen(shares: Tensor, pair: Tensor, pairs: Tensor, seen: Tensor) -> Sh
         seen: (T, B) 1 where a frame shows a block, else 0.
     """
     of_pair = (pair.reshape(1, -1) == pairs.unsqueeze(1)).float()
-    return Shares(shares.flatten(2) * seen.unsqueeze(1), of_pair, pair.clamp_min(0).flatten())
+    ahead = torch.cat([pair[1:], pair[-1:]])
+    goes_to = ((ahead.unsqueeze(2) == pair.unsqueeze(1)) & (pair >= 0).unsqueeze(1)).float()
+    mixed = shares.flatten(2) * seen.unsqueeze(1)
+    return Shares(mixed, of_pair, pair.clamp_min(0).flatten(), goes_to)
 
 
 class FilmDecoder(nn.Module):
@@ -157,8 +197,10 @@ class FilmDecoder(nn.Module):
         # how the eye's masking of flicker follows contrast: starts of `link.strength.masking`, by
         # which the sender chooses the strength of each block
         self.masking = logs(MASKING_WEIGHT, MASKING_SCALE * STILL_SENSITIVITY)
-        # frames, and blocks, for which what was learned of the noise counts; degrees of freedom
-        self.block_trust, self.frame_trust, self.tails = logs(16.0), logs(100.0), logs(6.0)
+        # frames for which the usual noise of such a block counts, blocks in all neighbouring frames
+        # for which noise and motion count as they were learned, and variance of a step of the
+        # level before anything was learned below which it counts as noise, in variances
+        self.block_trust, self.surprise_trust, self.drift_start = logs(16.0), logs(10.0), logs(6.0)
         # relative standard deviation of the signal from block to block
         self.spread, self.surprise, self.temperature = logs(0.1), logs(1e-4), logs(1.0)
 
@@ -188,23 +230,20 @@ class FilmDecoder(nn.Module):
         rows, cols = known.shape
         known = known.reshape(1, -1)
         picture, changes = self.look(frames / GRAY_LEVELS, rows, cols)
-        seen = seen.flatten(1)
-        mixture = shares_seen(shares, pair, pairs, seen)
-        state = Estimates(
-            x=known.expand(pairs.shape[0], -1),
-            amplitude=torch.zeros_like(known),
-            signal=torch.zeros_like(changes),
-            spilled=torch.zeros_like(changes),
-            offset=torch.zeros_like(known),
-            variance=picture.variance * ((changes * seen) ** 2).mean() + LEAST_VARIANCE,
-            frame_noise=torch.ones_like(changes[:, :1]),
+        near = Neighbourhood(seen, rows, cols)
+        mixture = shares_seen(shares, pair, pairs, near.seen)
+
+        def improve(number: Tensor, *state: Tensor) -> tuple[Tensor, ...]:
+            certain = torch.where(number > 0, torch.ones_like(known), known * known)
+            last = Estimates(*state)
+            return self._round(last, changes, known, certain, picture, mixture, near)
+
+        begun = self._begin(changes, picture, near)
+        none, bits = torch.zeros_like(changes), known.expand(pairs.shape[0], -1)
+        start = Estimates(
+            bits, bits, torch.zeros_like(known), none, none, none, begun.noise, begun.drift
         )
-        llr = state.x
-        for number in range(ROUNDS + 1):
-            left = self._explain(changes, seen, picture, state)
-            self._estimate_noise(left, seen, picture, mixture, state)
-            llr = self._decide(left, seen, known, picture, mixture, state, number)
-            self._expect(mixture, state, rows, cols)
+        llr = Estimates(*repeat(ROUNDS, improve, tuple(each.clone() for each in start))).llr
         llr = self.temperature.double().exp() * llr.double()
         if not self.training:  # or else the temperature would rise without bound
             llr = certainty(llr, known) * llr
@@ -296,145 +335,247 @@ class FilmDecoder(nn.Module):
         relative = (2 * log).exp()
         return relative / relative.mean()
 
-    def _explain(
+    def _begin(self, changes: Tensor, picture: ReferenceBlocks, near: Neighbourhood) -> Background:
+        """Guess noise and motion of each block by how much it changes from frame to frame."""
+        steps = (changes[1:] - changes[:-1]) ** 2
+        usual = self._usual(steps / picture.variance)
+        noise = picture.variance * usual / 2 + LEAST_VARIANCE
+        moved = near.mean(torch.cat([steps, steps[-1:]]))
+        drift = (moved - self.drift_start.exp() * noise).maximum(LEAST_START * noise)
+        return background_of(near.where_seen(noise.expand_as(changes)), drift)
+
+    def _round(
         self,
+        last: Estimates,
         changes: Tensor,
-        seen: Tensor,
-        picture: ReferenceBlocks,
-        state: "Estimates",
-    ) -> Tensor:
-        """Take away what changes whatever the bits: (T, B) what neither it nor the bits explain.
-
-        One ridge solve serves all frames, since blocks count alike in all; where a block is unseen
-        or stands out, what the fit says of it takes its place (Huber 1981, section 7.8).
-        """
-        N, weight = picture.N, 1 / state.variance
-        products = ((N * weight) @ N.T).double() + torch.eye(N.shape[0], dtype=torch.float64)
-        solver = inverse_of_one(products) @ (N * weight)  # (n, B)
-        limit = CLIP * (state.variance * state.frame_noise).sqrt()
-        target = (changes - state.offset - state.signal) * seen
-        fitted = (clip(target, limit) @ solver.T) @ N
-        for _ in range(2):
-            fitted = ((fitted + seen * clip(target - fitted, limit)) @ solver.T) @ N
-        left = (target - fitted) * seen
-        frames = seen.sum(0, keepdim=True).clamp_min(1)
-        shift = clip(left, limit).sum(0, keepdim=True) / frames
-        state.offset = state.offset + shift
-        return (left - shift) * seen
-
-    def _estimate_noise(
-        self,
-        left: Tensor,
-        seen: Tensor,
+        known: Tensor,
+        certain: Tensor,
         picture: ReferenceBlocks,
         mixture: Shares,
-        state: "Estimates",
-    ) -> None:
-        """Estimate the variance of each block over time, and of each frame over its blocks."""
-        doubt = mixture.shares**2 * (1 - mixture.of_slots(state.x**2))
-        most = CLIP**2 * state.variance * state.frame_noise
-        squares = ((left * left).minimum(most) + doubt.sum(1) * state.amplitude**2) * seen
-        trust, frame_trust = self.block_trust.exp(), self.frame_trust.exp()
-        of_frames = (squares / state.variance).sum(1, keepdim=True)
-        noise = (frame_trust + of_frames) / (frame_trust + seen.sum(1, keepdim=True))
-        state.frame_noise = noise / noise.mean()
-        squares = squares / state.frame_noise
-        scale = squares.sum() / (picture.variance * seen).sum().clamp_min(1e-6)
-        frames = seen.sum(0, keepdim=True)
-        own = (trust * scale * picture.variance + squares.sum(0, keepdim=True)) / (trust + frames)
-        state.variance = own + LEAST_VARIANCE
+        near: Neighbourhood,
+    ) -> Estimates:
+        """Estimate everything anew, in turn, by what the round before found.
+
+        Args:
+            last: what was found so far.
+            changes: (T, B) change of each block from the window's mean picture, gray levels.
+            known: (1, B) bits of the pilots, else 0.
+            certain: (1, B) 1 where a block's bits count for the signal's amplitude, else 0: in the
+                first round those of the pilots alone.
+            picture: blocks of the reference.
+            mixture: what each exposure mixes.
+            near: averages over neighbouring blocks and frames.
+        """
+        background = background_of(last.noise, last.drift)
+        shared = self._explain(changes - last.signal, last.shared, picture, background)
+        values = changes - last.signal - shared
+        doubt = (mixture.shares**2 * (1 - mixture.of_slots(last.x**2))).sum(1) * last.amplitude**2
+        for _ in range(LEARNED):
+            background = self._learn(values, doubt, picture, near, background)
+        background = self._weigh_surprises(values, doubt, near, background)
+        mixed = mixture.mixed(last.x)
+        white = background.whiten(torch.stack([values + last.own, mixed, values], 1))
+        shown, expected, left = white.unbind(1)
+        energy = mixture.energy(background, background.smooth(values))
+        unsure = (energy * (certain - last.x**2)).sum(0)
+        amplitude = self._fit_amplitude(expected, unsure, shown, picture.S)
+        llr = self._decide(shown, expected, left, energy, last.x, amplitude, mixture, background)
+        x = known + (1 - known * known) * (llr / 2).tanh()
+        own = mixture.mixed(x) * amplitude
+        signal = own + self._spilled(own.reshape(-1, 1, *near.grid))  # (T, B) -> (T, 1, rows, cols)
+        return Estimates(llr, x, amplitude, own, signal, shared, background.noise, background.drift)
+
+    def _explain(
+        self, target: Tensor, shared: Tensor, picture: ReferenceBlocks, background: Background
+    ) -> Tensor:
+        """Fit what changes all blocks together in each frame, by what the levels leave over.
+
+        One ridge solve serves all frames, since blocks count alike in all; where a block stands
+        out, it counts no more than `CLIP` deviations (Huber 1981, section 7.8).
+
+        Args:
+            target: (T, B) what the bits as they are known do not explain.
+            shared: (T, B) what was found to change all blocks together so far.
+            picture: blocks of the reference.
+            background: how the picture of each block moves, and how noisy it is.
+
+        Returns:
+            (T, B) gray levels.
+        """
+        N, noise = picture.N, background.noise
+        weight = (1 / noise).mean(0, keepdim=True)
+        products = ((N * weight) @ N.t()).double() + torch.eye(N.shape[0], dtype=torch.float64)
+        solver = inverse_of_one(products) @ (N * weight)  # (n, B)
+        limit = CLIP * noise.sqrt()
+        for _ in range(EXPLAINED):
+            left = background.unwhiten(background.whiten(target - shared)) * noise
+            shared = shared + (clip(left, limit) @ solver.t()) @ N
+        return shared
+
+    def _learn(
+        self,
+        values: Tensor,
+        doubt: Tensor,
+        picture: ReferenceBlocks,
+        near: Neighbourhood,
+        background: Background,
+    ) -> Background:
+        """Estimate the noise of each block, and the motion of its picture at each time.
+
+        Args:
+            values: (T, B) what neither the bits as they are known nor common changes explain.
+            doubt: (T, B) variance that bits which are not known leave in each frame.
+            picture: blocks of the reference.
+            near: averages over neighbouring blocks and frames.
+            background: what is known of both so far.
+        """
+        smoothed = background.smooth(values)
+        squares = (values - smoothed.level) ** 2 + smoothed.variance + doubt
+        squares = squares.minimum(CLIP**2 * background.noise) * near.seen
+        frames, trust = near.seen.sum(0, keepdim=True), self.block_trust.exp()
+        usual = picture.variance * self._usual(squares / picture.variance)
+        noise = (trust * usual + squares.sum(0, keepdim=True)) / (trust + frames) + LEAST_VARIANCE
+        drift = near.mean(smoothed.steps()) + LEAST_DRIFT * noise
+        return background_of(near.where_seen(noise.expand_as(values)), drift)
+
+    def _weigh_surprises(
+        self, values: Tensor, doubt: Tensor, near: Neighbourhood, background: Background
+    ) -> Background:
+        """Raise or lower noise and motion together where innovations are larger or smaller."""
+        squares = (background.whiten(values) ** 2).clamp_max(MOST_SURPRISING)
+        squares = squares / (1 + doubt / background.noise)
+        trust, count = self.surprise_trust.exp(), NEAR_BLOCKS**2 * NEAR_FRAMES
+        factor = (count * near.mean(squares) + trust) / (count + trust)
+        ahead = torch.cat([factor[1:], factor[-1:]])
+        noise = near.where_seen(background.noise * factor)
+        return background_of(noise, background.drift * (factor + ahead) / 2)
+
+    def _usual(self, squares: Tensor) -> Tensor:
+        """Give the usual size of (T, B) squares, the geometric mean over blocks: a number.
+
+        Some blocks may have very large squares, where something moves.
+        """
+        return (squares.mean(0) + LEAST_VARIANCE).log().mean().exp()
 
     def _decide(
         self,
+        shown: Tensor,
+        expected: Tensor,
         left: Tensor,
-        seen: Tensor,
-        known: Tensor,
-        picture: ReferenceBlocks,
+        energy: Tensor,
+        x: Tensor,
+        amplitude: Tensor,
         mixture: Shares,
-        state: "Estimates",
-        number: int,
+        background: Background,
     ) -> Tensor:
-        """Fit the signal's amplitude, then decide all pairs: (P, B) log-likelihood ratios.
+        """Decide all pairs: (P, B) log-likelihood ratios.
 
-        In the first round the pilots alone tell the amplitude, and a block's variance still holds
-        what its bits do. In the last round patterns over the blocks count less.
+        Args:
+            shown: (T, B) what the bits of the blocks show, whitened.
+            expected: (T, B) what the exposures mix of the expected bits, whitened.
+            left: (T, B) what nothing explains, whitened.
+            energy: (P, B) energy of each pair's shares.
+            x: (P, B) expected bits.
+            amplitude: (1, B) change of a block for each unit of its bit's change, gray levels.
+            mixture: what each exposure mixes.
+            background: how the picture of each block moves, and how noisy it is.
         """
-        variance, shares = state.variance * state.frame_noise, mixture.shares
-        tails, squares = self.tails.exp(), left * left / variance
-        weight = seen * (tails + 1) / (tails + squares) / variance
-        shown = left + state.signal - state.spilled  # what the bits of the blocks themselves show
-        energy, mixed = shares * shares, mixture.mixed(state.x)
-        certain = torch.ones_like(known) if number else known * known
-        doubt = (energy * (certain - mixture.of_slots(state.x**2))).sum(1)
-        amplitude = self._fit_amplitude(mixed, doubt, shown, weight, picture.S)
-        if number == 0:
-            signal = amplitude**2 * (energy.sum(1) * seen).sum(0) / seen.sum(0).clamp_min(1)
-            noise = (1 - signal / state.variance).clamp_min(LEAST_NOISE)
-            weight, state.variance = weight / noise, state.variance * noise
-        if number == ROUNDS:
-            patterns = find_patterns((left / variance.sqrt()).clamp(-CLIP, CLIP))
-            weight = weight / patterns.rest
-            shown, mixed = (patterns.weigh(each, weight) for each in (shown, mixed))
-            own = patterns.energy(shares, weight, mixture.sums)
-        else:
-            shown, mixed = shown * weight, mixed * weight
-            own = mixture.sums(energy * weight.unsqueeze(1))
-        matched = mixture.sums(shares * shown.unsqueeze(1))
-        explained = mixture.sums(shares * mixed.unsqueeze(1)) - own * state.x
-        doubted = 1 + (self.spread.exp() * amplitude) ** 2 * own
+        patterns = find_patterns(left.clamp(-CLIP, CLIP))
+        V = patterns.V.unsqueeze(2).expand(-1, -1, left.shape[1])  # (T, K) -> (T, K, B)
+        energy = patterns.energy(energy, mixture.shares, background.unwhiten(V), mixture.sums)
+        weighed = torch.stack([patterns.weigh(shown), patterns.weigh(expected)], 1)
+        shown, expected = background.unwhiten(weighed).unbind(1)
+        matched = mixture.sums(mixture.shares * shown.unsqueeze(1))
+        explained = mixture.sums(mixture.shares * expected.unsqueeze(1)) - energy * x
+        doubted = 1 + (self.spread.exp() * amplitude) ** 2 * energy
         llr: Tensor = 2 * amplitude * (matched - amplitude * explained) / doubted
-        state.x = known + (1 - known * known) * (llr / 2).tanh()
-        state.amplitude = amplitude
         return llr
 
-    def _fit_amplitude(
-        self, mixed: Tensor, doubt: Tensor, shown: Tensor, weight: Tensor, S: Tensor
-    ) -> Tensor:
+    def _fit_amplitude(self, mixed: Tensor, doubt: Tensor, shown: Tensor, S: Tensor) -> Tensor:
         """Fit the change of each block by a ridge problem over the columns S: (1, B) gray levels.
 
         Args:
-            mixed: (T, B) what the exposures mix of the expected bits.
-            doubt: (T, B) variance of that, as the bits are not known.
-            shown: (T, B) what the bits show, gray levels.
-            weight: (T, B) inverse variances.
+            mixed: (T, B) what the exposures mix of the expected bits, whitened.
+            doubt: (B,) energy of what is not known of the bits.
+            shown: (T, B) what the bits show, whitened.
             S: (k, B) columns of the signal.
         """
-        across = (mixed * shown * weight).sum(0)
-        among = ((mixed * mixed + doubt) * weight).sum(0)
+        across = (mixed * shown).sum(0)
+        among = (mixed * mixed).sum(0) + doubt
         prior = torch.eye(S.shape[0], dtype=torch.float64) / (2 * self.amplitude.double()).exp()
-        covariance = inverse_of_one(((S * among) @ S.T).double().add(prior))
-        return ((covariance @ (S @ across.unsqueeze(1))).T @ S).clamp_min(LEAST_AMPLITUDE)
+        covariance = inverse_of_one(((S * among) @ S.t()).double().add(prior))
+        return ((covariance @ (S @ across.unsqueeze(1))).t() @ S).clamp_min(LEAST_AMPLITUDE)
 
-    def _expect(self, mixture: Shares, state: "Estimates", rows: int, cols: int) -> None:
-        """Work out what the bits explain of each block, light of neighbouring blocks included."""
-        signal = mixture.mixed(state.x) * state.amplitude
-        grid = signal.reshape(signal.shape[0], 1, rows, cols)
-        beside, above = pad(grid, (1, 1, 0, 0)), pad(grid, (0, 0, 1, 1))
+    def _spilled(self, own: Tensor) -> Tensor:
+        """Give the light that blocks get of their neighbours' bits.
+
+        Args:
+            own: (T, 1, rows, cols) what bits explain of their own blocks, gray levels.
+
+        Returns:
+            (T, B) gray levels.
+        """
+        beside, above = pad(own, (1, 1, 0, 0)), pad(own, (0, 0, 1, 1))
         along, down = self.spill.exp()
         light = along * (beside[..., :-2] + beside[..., 2:])
         light = light + down * (above[:, :, :-2] + above[:, :, 2:])
-        state.spilled = light.flatten(1)
-        state.signal = signal + state.spilled
+        return light.flatten(1)
 
 
-@dataclass
-class Estimates:
+class Neighbourhood:
+    """Averages over neighbouring blocks and frames, of what is seen.
+
+    Args:
+        seen: (T, rows, cols) 1 where a frame shows a block, else 0.
+        rows: number of rows of blocks.
+        cols: number of columns of blocks.
+    """
+
+    def __init__(self, seen: Tensor, rows: int, cols: int) -> None:
+        self.grid = rows, cols
+        """Number of rows and of columns of blocks."""
+        self.seen = seen.flatten(1)
+        """(T, B) 1 where a frame shows a block, else 0."""
+        self._count = self._sum(self.seen).clamp_min(1)
+
+    def mean(self, values: Tensor) -> Tensor:
+        """Average (T, B) values over `NEAR_BLOCKS` by `NEAR_BLOCKS` blocks of `NEAR_FRAMES`."""
+        return self._sum(values * self.seen) / self._count
+
+    def where_seen(self, noise: Tensor) -> Tensor:
+        """Give (T, B) variances a very large value where a block is not seen."""
+        return noise + UNSEEN * (1 - self.seen)
+
+    def _sum(self, values: Tensor) -> Tensor:
+        rows, cols = self.grid
+        space, time = NEAR_BLOCKS // 2, NEAR_FRAMES // 2
+        maps = values.reshape(-1, 1, rows, cols)  # (T, B) -> (T, 1, rows, cols)
+        kernel = maps.new_ones(1, 1, NEAR_BLOCKS, NEAR_BLOCKS)
+        summed = conv2d(maps, kernel, padding=space).flatten(1)
+        padded, count = pad(summed, (0, 0, time, time)), summed.shape[0]
+        near: Tensor = torch.stack([padded[k : k + count] for k in range(NEAR_FRAMES)]).sum(0)
+        return near
+
+
+class Estimates(NamedTuple):
     """What the rounds have found so far."""
 
+    llr: Tensor
+    """(P, B) log-likelihood ratios of the bits."""
     x: Tensor
     """(P, B) expected bits in [-1, 1]; those of pilots are known."""
     amplitude: Tensor
     """(1, B) change of a block for each unit of its bit's change, gray levels."""
+    own: Tensor
+    """(T, B) what the bits of the blocks themselves explain of each frame, gray levels."""
     signal: Tensor
-    """(T, B) what the bits explain of each frame, gray levels."""
-    spilled: Tensor
-    """(T, B) the part of it that comes from neighbouring blocks."""
-    offset: Tensor
-    """(1, B) how far the mean over the window is off, gray levels."""
-    variance: Tensor
-    """(1, B) variance of each block's mean from frame to frame, squared gray levels."""
-    frame_noise: Tensor
-    """(T, 1) variance of each frame relative to the others."""
+    """(T, B) what all bits explain, light of neighbouring blocks included, gray levels."""
+    shared: Tensor
+    """(T, B) what changes all blocks together, gray levels."""
+    noise: Tensor
+    """(T, B) as `models.film.background.Background` has it."""
+    drift: Tensor
+    """(T, B) as `models.film.background.Background` has it."""
 
 
 def certainty(llr: Tensor, known: Tensor) -> Tensor:

@@ -40,34 +40,38 @@ class Patterns:
     removal: Tensor
     """(K, K) inverse of V' V + v I."""
 
-    def weigh(self, values: Tensor, weight: Tensor) -> Tensor:
+    def weigh(self, values: Tensor) -> Tensor:
         """Multiply the frames of each block by the inverse of their covariance.
 
         Args:
-            values: (T, B) values.
-            weight: (T, B) inverse variances of the noise beside the patterns; 0 for what is unseen.
+            values: (T, B) values, in standard deviations.
 
         Returns:
             (T, B) weighted values.
         """
-        root = _root(weight)
-        return weight * values - root * (self.V @ (self.removal @ (self.V.T @ (root * values))))
+        return (values - self.V @ (self.removal @ (self.V.t() @ values))) / self.rest
 
-    def energy(self, shares: Tensor, weight: Tensor, add_up: Callable[[Tensor], Tensor]) -> Tensor:
+    def energy(
+        self,
+        energy: Tensor,
+        shares: Tensor,
+        strengths: Tensor,
+        add_up: Callable[[Tensor], Tensor],
+    ) -> Tensor:
         """Give the weighted energy that each frame pair has in each block.
 
         Args:
+            energy: (P, B) energy of each pair without patterns.
             shares: (T, slots, B) shares of states.
-            weight: (T, B) as in `weigh`.
+            strengths: (T, K, B) the patterns as they weigh what blocks show in each frame.
             add_up: adds up what the slots of each pair hold: (T, slots, B) to (P, B).
 
         Returns:
             (P, B) s' C s for the shares s of each pair and the inverse covariance C of `weigh`.
         """
-        energy = add_up(shares * shares * weight.unsqueeze(1))
-        rooted = shares * _root(weight).unsqueeze(1)
-        parts = torch.stack([add_up(rooted * v.reshape(-1, 1, 1)) for v in self.V.T])  # (K, P, B)
-        return energy - (parts * (self.removal @ parts.flatten(1)).reshape(parts.shape)).sum(0)
+        parts = torch.stack([add_up(shares * each.unsqueeze(1)) for each in strengths.unbind(1)])
+        inside = (self.removal @ parts.flatten(1)).reshape(parts.shape)  # (K, P B) -> (K, P, B)
+        return (energy - (parts * inside).sum(0)) / self.rest
 
 
 def find_patterns(z: Tensor) -> Patterns:
@@ -79,7 +83,7 @@ def find_patterns(z: Tensor) -> Patterns:
     Args:
         z: (T, B) residuals, in standard deviations of their block and frame.
     """
-    S = z @ z.T
+    S = z @ z.t()
     S = S / S.diagonal().mean().clamp_min(1e-6)
     frames, blocks = (torch.ones_like(each).sum() for each in (z[:, 0], z[0]))  # T, B
     by_chance = 2 * (frames / blocks).sqrt() + frames / blocks
@@ -87,13 +91,8 @@ def find_patterns(z: Tensor) -> Patterns:
     V = START * torch.cos(torch.pi * torch.arange(1, COUNT + 1) * time.unsqueeze(1))
     rest, unit = torch.ones(()), torch.eye(COUNT)
     for _ in range(STEPS):
-        inner = inverse_of_one(V.T @ V + rest * unit)
+        inner = inverse_of_one(V.t() @ V + rest * unit)
         SV = S @ V - by_chance * rest * V
-        V = SV @ inverse_of_one(rest * unit + inner @ (V.T @ SV))
+        V = SV @ inverse_of_one(rest * unit + inner @ (V.t() @ SV))
         rest = (1 - (V * V).sum(1).mean()).clamp_min(LEAST_REST)
-    return Patterns(V, rest, inverse_of_one(V.T @ V + rest * unit))
-
-
-def _root(weight: Tensor) -> Tensor:
-    """Take the square root, whose gradient is finite where the weight is 0."""
-    return weight.clamp_min(1e-12).sqrt()
+    return Patterns(V, rest, inverse_of_one(V.t() @ V + rest * unit))

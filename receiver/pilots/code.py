@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from link.clock import DisplayClock, embedded_share
 from link.pilot_code import STATE_HZ, PilotCode
 from link.types import Array
+from receiver.pilots.signal import LEAST_DEVIATION
 
 MOST_STATE_HZ = 150.0
 """Largest number of states a second, a little more than the largest that is tried."""
@@ -51,9 +52,13 @@ Between all of it, as in the dark, and next to nothing, as in the sun."""
 SURER = 1 + 1e-5
 """Factor by which a clock must explain more than those before it: clocks may show the same in all
 frames, and rounding must not choose."""
-DRIFT = 3
-"""Number of powers of time, from 0 on, whose multiples are no toggling: motion and exposure.
-Over some tenths of a second they are a constant, a slope and a bend."""
+NEAR = 3
+"""Number of frames before each frame, and after it, whose mean is taken off what it shows: the
+picture, which may move, and exposure change little in that time. Of 1, 3, 9 and all frames, 3 gave
+most information in films whose pictures move (docs/answered.md)."""
+CLIPPED = 2.0
+"""Largest difference from that mean that counts, in usual ones of its place: a cut or something
+that passes is one bad difference, and no more."""
 
 
 @dataclass(frozen=True)
@@ -113,12 +118,13 @@ class CodeSearch:
         clocks[:, :, 0], clocks[:, :, 4] = period[:, None], self._shutter[:, None]
         clocks[:, :, 1] = -np.arange(self._steps) / PHASES * period[:, None]
         shares = embedded_share(clocks.reshape(-1, 5), since, np.zeros((1, 2)), code)[:, 0]
-        powers = np.vander(since / max(np.abs(since).max(), 1e-9), min(DRIFT, len(since)))
-        self._drifts = np.linalg.qr(powers)[0]
-        waves = 2 * shares - 1
-        waves -= (waves @ self._drifts) @ self._drifts.T
+        frames = np.arange(len(since))
+        near = np.abs(frames - frames[:, None]) <= NEAR
+        self._apart = np.eye(len(since)) - near / near.sum(axis=1, keepdims=True)  # (T, T)
+        waves = (2 * shares - 1) @ self._apart.T
         self.waves: NDArray[np.float32] = waves.astype(np.float32)
-        """(H, T) what a block of sign 1 shows at the display's centre, by H clocks, less drifts."""
+        """(H, T) what a block of sign 1 shows at the display's centre, by H clocks, less the mean
+        of near frames."""
         self._waves_by_frame = np.ascontiguousarray(self.waves.T)
         self._part = np.minimum((places * SIDES).astype(np.intp), SIDES - 1)  # along x, along y
         within = self._part.T[:, None] == np.arange(SIDES)[:, None]  # (2, SIDES, P)
@@ -135,17 +141,21 @@ class CodeSearch:
     def strongest(self, values: NDArray[np.floating], count: int = 1) -> list[CodeLock]:
         """Find the clocks by which values follow their signs most surely, the likeliest first.
 
-        Clocks are compared by how much of all values they explain over time, by least squares. To
+        Clocks are compared by how much of all values they explain over time, less the mean of near
+        frames, by least squares. To
         tell whether that is chance, the signs are regressed on X_p, the sum of a place's values
         times the clock's wave, as `receiver.pilots.signal.pilot_evidence` does with amplitudes: by
         chance these explain the share R2 of the signs' power with probability
         (1 - R2)^((P - 1) / 2), for P places.
 
         Args:
-            values: (T, P) values of the places, of alike noise.
+            values: (T, P) values of the places.
             count: number of clocks, none of them within a state of another.
         """
         shape = len(self._hz), self._steps
+        values = self._apart @ np.asarray(values, np.float64)
+        values /= np.sqrt((values**2).mean(axis=0)) + LEAST_DEVIATION
+        values = np.clip(values, -CLIPPED, CLIPPED)
         series = self._signs_within @ np.asarray(values, np.float32).T
         sums = series.reshape(2 * SIDES, -1) @ self._waves_by_frame  # (2, SIDES, T) -> (parts, T)
         sums = sums.reshape(2, SIDES, *shape)  # (parts, H) -> (2, SIDES, rates, phases)
@@ -163,8 +173,8 @@ class CodeSearch:
     def highest(self, matches: Sequence[NDArray[np.floating]]) -> DisplayClock:
         """Find the clock that the parts of a display follow most clearly, each by its best series.
 
-        No series follows a clock more clearly than its own length, less drifts, allows. So the
-        longest alone are compared.
+        No series follows a clock more clearly than its own length, less the mean of near frames,
+        allows. So the longest alone are compared.
 
         Args:
             matches: an array (T, S) for each part, of S series of alike noise.
@@ -175,9 +185,8 @@ class CodeSearch:
         powers = (self.waves**2).sum(axis=1) + 1e-6
         total = np.zeros(len(self.waves))
         for series in matches:
-            seen = np.asarray(series, np.float32)
-            drifts = np.asarray(self._drifts.T, np.float32) @ seen
-            squares = (seen**2).sum(axis=0) - (drifts**2).sum(axis=0)
+            seen = np.asarray(self._apart, np.float32) @ np.asarray(series, np.float32)
+            squares = (seen**2).sum(axis=0)
             longest = seen[:, np.argsort(-squares)[:COMPARED]] / (seen.std() + 1e-9)
             heights = np.maximum((self.waves @ longest).max(axis=1), 0)
             total += heights**2 / powers

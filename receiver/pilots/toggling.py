@@ -29,7 +29,7 @@ UNCLEAR = 0.85
 awaited. Chosen by hand."""
 MOST_FRAMES = 64
 """Largest number of frames, the newest, in which a code is looked for. It bounds the work, and
-drifts over longer times are not those of `receiver.pilots.code.DRIFT`. Chosen by hand."""
+pictures move over longer times. Chosen by hand."""
 
 
 @lru_cache(maxsize=2)
@@ -207,7 +207,5 @@ def find_toggling(
         evidence, frequency = pilot_evidence(values, layout, at)
         return evidence, Wave(frequency)
     places, picked = tuple(at)[-MOST_FRAMES:], values[-MOST_FRAMES:]
-    (lock,) = code_search(layout, layout.code, places, fps).strongest(
-        over_deviation(np.array(picked))
-    )
+    (lock,) = code_search(layout, layout.code, places, fps).strongest(np.array(picked))
     return lock.evidence, CodedToggling(lock.clock, layout.code, lock.rival < UNCLEAR)

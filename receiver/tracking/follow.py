@@ -18,7 +18,7 @@ from link.layout import Layout
 from link.types import Array, Corners, Image
 from receiver.locate.refine import OUTSIDE
 from receiver.pilots.motion import moved_corners
-from receiver.pilots.stabilise import Stabiliser
+from receiver.pilots.outline import Outline
 from receiver.seen import SeenFrame, points_in_view
 from receiver.tracking.corners import CornerShift
 
@@ -34,8 +34,9 @@ MIN_INLIERS = 12
 """Smallest number of points that must move as one for the display to count as followed."""
 INLIER_PX = 1.0
 """Largest distance, in pixels of the layout, of a point from where the common motion puts it."""
-WORN_SHARE = 0.2
-"""Share of a room's points below which another frame becomes the reference."""
+CHECKED, APART_BLOCKS = 3, 0.25
+"""Number of frames from one look at what surrounds the display to the next, and distance in blocks
+from which on the picture then counts as one that moves by itself: from there on bits are lost."""
 EDGE_PX = 9
 """Distance, in pixels of the layout, of a followed point from where the image ends."""
 
@@ -44,23 +45,24 @@ class Follower:
     """Follows the display by optical flow to a rectified reference, so that errors do not add up.
 
     The reference is the frame in which the display was found, and is taken anew where the picture
-    has changed (a video): points on ratex patches then hold the geometry. A display without them
-    whose picture moves is followed by what lies around it, which moves with the camera.
+    has changed (a video): points on ratex patches then hold the geometry. A display without them is
+    followed by what surrounds it (`receiver.pilots.outline`) once its picture moves.
 
     Args:
         layout: layout of the display.
         k: coefficient of the lens.
-        picture_moves: whether the display is followed by what lies around it.
+        picture_moves: whether the picture is known to move. If not, the follower notices.
     """
 
     def __init__(self, layout: Layout, k: float = 0.0, *, picture_moves: bool = False) -> None:
         self.layout, self._k = layout, k
         self._picture_moves = picture_moves
         self._shift = CornerShift(layout) if layout.pilots else None
-        self._room: Stabiliser | None = None
+        self._outline: Outline | None = None
         self.corners: Array | None = None
         """(4, 2) pixels of the last frame, in corner order, or None where nothing is followed."""
-        self._motion = self._first = np.zeros((4, 2))
+        self._motion = np.zeros((4, 2))
+        self._steps, self._blocks = 0, layout.rows * layout.cols
         self._reference: Image | None = None
         self._points = np.zeros((0, 1, 2), np.float32)
 
@@ -105,10 +107,9 @@ class Follower:
         """Take a frame, and the display rectified by its corners, as the reference."""
         if self.corners is None:
             self._motion = np.zeros((4, 2))
-        self.corners = self._first = corners
-        if self._picture_moves:
-            self._room = Stabiliser(as_gray(image), far_apart=True, picture=corners)
-            return
+        self.corners = corners
+        if self._outline is None and self.layout.pilots:
+            self._outline = Outline(as_gray(image), corners)
         H = homography_from_corners(corners, self.layout.width, self.layout.height)
         self._take_reference(_equalised(rectified), self._view_mask(H, image.shape))
 
@@ -130,11 +131,26 @@ class Follower:
         """
         if self.corners is None:
             return None
-        if self._room is not None:
-            H_image_from_first = self._room.follow(as_gray(image))
-            if H_image_from_first is None:
-                return None
-            return transform(H_image_from_first, self._first), self._room.share < WORN_SHARE
+        outline = self._outline if self._outline is not None and self._outline.is_clear else None
+        if outline is not None and self._picture_moves:
+            around = outline.follow(as_gray(image))
+            return self._by_picture(image) if around is None else (around, False)
+        step = self._by_picture(image)
+        self._steps += 1
+        if outline is None or (step is not None and self._steps % CHECKED):
+            return step
+        around = outline.follow(as_gray(image), None if step is None else step[0])
+        block = np.sqrt(cv2.contourArea(self.corners.astype(np.float32)) / self._blocks)
+        if around is None or (
+            step is not None and np.abs(around - step[0]).max() <= APART_BLOCKS * block
+        ):
+            return step
+        self._picture_moves = True
+        return around, False
+
+    def _by_picture(self, image: Image) -> tuple[Array, bool] | None:
+        """Find the display by what it shows, or by its patches; returns as `step` does."""
+        assert self.corners is not None
         if self._reference is None or len(self._points) < MIN_INLIERS:
             return None
         width, height = self.layout.width, self.layout.height

@@ -67,8 +67,8 @@ class PilotTracker:
 
     def _begin(self, found: PilotDisplay, image: Image, time: float) -> SeenFrame | None:
         """Begin to follow a display that was found, and show it in the frames of the search."""
-        self.layout, moves = found.layout, self._search.picture_moves
-        follower = Follower(found.layout, found.k, picture_moves=moves)
+        self.layout = found.layout
+        follower = Follower(found.layout, found.k, picture_moves=found.picture_moves)
         seen = self._accept(follower, image, time, found.corners, fresh=True)
         if seen is None:
             return None

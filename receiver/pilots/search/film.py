@@ -11,6 +11,7 @@ from link.geometry import homography_from_corners, rectify, resized_homography, 
 from link.layout import Layout
 from link.types import Array, Corners, Gray, Homography
 from receiver.pilots.motion import GridMaps
+from receiver.pilots.outline import Outline
 from receiver.pilots.stabilise import Tracks
 
 FAR_OUTSIDE = 0.5
@@ -19,6 +20,14 @@ moved amiss. Chosen by hand, above `receiver.locate.refine.OUTSIDE`."""
 LEAST_AREA = 0.005
 """Smallest share of the image that a display covers: some 90 by 50 px of 1280 x 720. Chosen by
 hand."""
+
+OUTLINE_WIDTH = 96
+"""Width, in pixels, of the views in which quadrilaterals are followed by what surrounds them. It
+bounds the work; chosen by hand."""
+APART, ABOUT = 0.006, 0.25
+"""Distance, as a share of the square root of a quadrilateral's area, from which on its picture and
+what surrounds it move in different ways, and within which what surrounds it tells of other corners,
+too: a third of a block of the finest grids, and a frame around the picture. Chosen by hand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +50,8 @@ class HeldFrame:
     tracks: Tracks | None = None
     """Points of the reference that were found again in it; None to go by the room alone, because
     pictures may move."""
+    surrounded: tuple["Surrounded", ...] = ()
+    """Quadrilaterals that are followed by what lies around them, too, with where they lie here."""
 
     def corners(self, corners: Corners) -> Corners:
         """Find where a display lies.
@@ -51,6 +62,9 @@ class HeldFrame:
         Returns:
             pixels of this frame.
         """
+        around = surroundings_of(corners, self.surrounded)
+        if around is not None and around.outline.picture_moves:
+            return transform(around.motion, corners)
         own = None if self.tracks is None else self.tracks.motion_within(corners)
         return transform(self.H_image_from_reference if own is None else own, corners)
 
@@ -99,6 +113,70 @@ class HeldFrame:
         if not cv2.isContourConvex(outline) or cv2.contourArea(outline) < least:
             return None
         return homography_from_corners(quad, layout.width, layout.height)
+
+
+@dataclass(frozen=True, eq=False)
+class Surrounded:
+    """Where a quadrilateral lies in a frame, as what surrounds it tells."""
+
+    outline: "MovingOutline"
+    """What follows it."""
+    motion: Homography
+    """Homography from the reference to the frame."""
+
+    def distance(self, corners: Corners) -> float:
+        """Tell how far corners are from those of the quadrilateral, as a share of its size."""
+        quad = self.outline.quad
+        size = float(np.sqrt(cv2.contourArea(quad.astype(np.float32))))
+        turned = (np.roll(corners, turn, axis=0) for turn in range(4))
+        return min(float(np.abs(each - quad).max()) for each in turned) / size
+
+
+def surroundings_of(corners: Corners, near: Sequence[Surrounded]) -> Surrounded | None:
+    """Choose the quadrilateral that is nearest to corners of the reference; None where none is."""
+    nearest = min(near, key=lambda each: each.distance(corners), default=None)
+    return nearest if nearest is not None and nearest.distance(corners) <= ABOUT else None
+
+
+class MovingOutline:
+    """Follows a quadrilateral by what surrounds it, and notices where its picture moves.
+
+    Args:
+        gray: the reference frame.
+        quad: (4, 2) pixels of it.
+    """
+
+    def __init__(self, gray: Gray, quad: Corners) -> None:
+        self.quad = quad
+        """(4, 2) pixels of the reference."""
+        self.picture_moves = False
+        """Whether what it shows has moved in another way than what surrounds it."""
+        self._outline = Outline(gray, quad, OUTLINE_WIDTH)
+        self._far = APART * float(np.sqrt(cv2.contourArea(quad.astype(np.float32))))
+
+    def take(self, gray: Gray, shown: Corners | None) -> Surrounded | None:
+        """Find the quadrilateral in the next frame; None where its surroundings do not tell.
+
+        Args:
+            gray: the frame.
+            shown: pixels of the frame where the points within it say that it lies, if they agree.
+        """
+        if not self._outline.is_clear:
+            return None
+        corners = self._outline.follow(gray)
+        if corners is None and shown is not None:
+            corners = self._outline.follow(gray, shown)
+        if corners is None:
+            return None
+        self.picture_moves |= shown is None or float(np.abs(corners - shown).max()) > self._far
+        motion = homography_between(self.quad, corners)
+        return Surrounded(self, motion)
+
+
+def homography_between(before: Corners, after: Corners) -> Homography:
+    """Give the homography that moves four corners to four others."""
+    H = cv2.getPerspectiveTransform(before.astype(np.float32), after.astype(np.float32))
+    return np.asarray(H, np.float64)
 
 
 def positions(frames: Sequence[HeldFrame]) -> list[float]:

@@ -45,6 +45,8 @@ class PilotDisplay:
     """Coefficient of the lens (`link.geometry.Lens`)."""
     clock: DisplayClock | None
     """When the display shows which state, where its code tells; the camera's time, in seconds."""
+    picture_moves: bool
+    """Whether the display's picture moves by itself."""
     held: tuple[HeldFrame, ...]
     """The frames before the newest one, from the oldest on, of those that are kept."""
 
@@ -147,5 +149,6 @@ class PilotSearch:
             first_corners=proposal.corners,
             k=detection.k,
             clock=proposal.toggling.clock_in_seconds(self._fps, watch.first.time),
+            picture_moves=watch.picture_moves or watch.moves(proposal.corners),
             held=tuple(held),
         )

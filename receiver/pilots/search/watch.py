@@ -1,11 +1,14 @@
 """Watch a film from a reference frame on: what a search for a display by its pilots looks at."""
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from link.geometry import in_image, transform
 from link.images import as_gray
 from link.types import Array, Corners, Gray, Image
-from receiver.pilots.search.film import HeldFrame
+from receiver.pilots.search.film import HeldFrame, MovingOutline, Surrounded, surroundings_of
 from receiver.pilots.search.toggle_map import ToggleMap
 from receiver.pilots.stabilise import Stabiliser
 from receiver.pilots.waves import position
@@ -64,6 +67,7 @@ class Watch:
         """What toggles in the frames watched."""
         self.fps = fps
         self._own: dict[bytes, list[Array]] = {}
+        self._outlines: list[MovingOutline] = []
         self._stabiliser = Stabiliser(gray, far_apart=picture_moves)
         self.on_copy, self.on_image = self._stabiliser.on_copy, self._stabiliser.on_image
 
@@ -101,6 +105,7 @@ class Watch:
             return False
         at = position(time - self.first.time, self.fps)
         frame = HeldFrame(gray, H, at, time, self._stabiliser.tracks)
+        frame = replace(frame, surrounded=self._surrounded(frame))
         for each in (frame,) if self._kept else (self.first, frame):  # now the film holds still
             self._kept.append(each)
             if len(self._kept) <= self.window:
@@ -109,6 +114,28 @@ class Watch:
         if len(self._kept) > self.window + max(self._held, self.confirming):
             del self._kept[self.window]
         return True
+
+    def surround(self, quads: Sequence[Corners]) -> None:
+        """Follow quadrilaterals by what surrounds them, too, from the reference on.
+
+        Args:
+            quads: (4, 2) pixels of the reference each.
+        """
+        self._outlines = [MovingOutline(self.first.gray, quad) for quad in quads]
+
+    def moves(self, corners: Corners) -> bool:
+        """Tell whether the picture that corners of the reference bound moves by itself."""
+        around = surroundings_of(corners, self.held[-1].surrounded)
+        return around is not None and around.outline.picture_moves
+
+    def _surrounded(self, frame: HeldFrame) -> tuple[Surrounded, ...]:
+        """Follow what surrounds quadrilaterals in the newest frame."""
+        found = []
+        for outline in self._outlines:
+            shown = None if frame.tracks is None else frame.tracks.motion_within(outline.quad)
+            corners = None if shown is None else transform(shown, outline.quad)
+            found.append(outline.take(frame.gray, corners))
+        return tuple(each for each in found if each is not None)
 
     def places(self, corners: Corners, count: int | None = None) -> list[Array]:
         """Find where corners in the reference lie, (4, 2) pixels of the map.

@@ -30,6 +30,9 @@ from receiver.pilots.search.watch import NEXT_FRAME, Watch
 WEIGHED_AT_ONCE = 2
 """Number of quadrilaterals that are weighed coarsely in one step, which then takes about as long as
 other steps of the search. Chosen by hand."""
+SURROUNDED = 4
+"""Number of quadrilaterals, those of the strongest edges, that are followed by what surrounds them.
+It bounds the work; chosen by hand."""
 ANY_TURN = 0, 1
 """Quarter turns after which quadrilaterals are tried upright and upside down, so that any of their
 sides may be up."""
@@ -89,6 +92,7 @@ class WindowSearch:
         """
         watch, proposer = self.watch, self._proposer
         edges = yield from proposer.edges()
+        watch.surround(edges[:SURROUNDED])
         count, seen = watch.soon, 0
         while seen < watch.window:
             while len(watch.frames) < min(count, watch.window):

@@ -1,0 +1,136 @@
+"""What a block shows of the picture: a level that drifts, and noise of its own at each time.
+
+A message is a small change on top of a picture, which may stand still, move, or be cut. So the mean
+y_t of a block in frame t, less what the bits explain, is taken for
+    y_t = p_t + e_t,  p_{t+1} = p_t + d_t,  e_t ~ N(0, r_t),  d_t ~ N(0, q_t),
+a random walk in noise, of which nothing is known at first. Where the picture stands still q is
+small, and the level is known from all frames; where something passes q is large for as long as it
+takes, and only the nearest frames count; a cut is one large q. The Kalman filter (Kalman 1960)
+gives the innovations, which are white, and the smoother of Rauch, Tung & Striebel (1965) the level
+by all frames. From these, r and q are estimated as Shumway & Stoffer (1982) do, by expectation
+maximisation.
+
+All functions are linear recursions over the T frames, for all B blocks at once.
+"""
+
+from __future__ import annotations  # export cannot trace those of inner functions
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from models.onnx_ops import scan
+
+UNKNOWN = 1e4
+"""Variance of the level before the first frame, in variances of the first frame's noise."""
+
+
+@dataclass(frozen=True)
+class Smoothed:
+    """What all frames say of the level of each block."""
+
+    level: Tensor
+    """(T, B) means, gray levels."""
+    variance: Tensor
+    """(T, B) variances, squared gray levels."""
+    carry: Tensor
+    """(T, B) covariance of the level with that of the next frame, over the variance there; of the
+    last frame 0."""
+
+    def steps(self) -> Tensor:
+        """Give the expected square of each step of the level, (T, B); of the last frame 0."""
+        level, variance = (torch.cat([each[1:], each[-1:]]) for each in (self.level, self.variance))
+        squares = (level - self.level) ** 2 + self.variance + (1 - 2 * self.carry) * variance
+        return torch.cat([squares[:-1], torch.zeros_like(squares[:1])])
+
+
+@dataclass(frozen=True)
+class Background:
+    """The model of each block's level and noise; `background_of` makes it.
+
+    >>> still = background_of(torch.ones(4, 1), torch.zeros(4, 1))
+    >>> y = torch.tensor([[1.0], [3.0], [1.0], [3.0]])
+    >>> still.smooth(y).level.flatten().numpy().round(2).tolist()  # the mean of all frames
+    [2.0, 2.0, 2.0, 2.0]
+    """
+
+    noise: Tensor
+    """(T, B) variances r_t, squared gray levels; very large where a block is not seen."""
+    drift: Tensor
+    """(T, B) variances q_t of the step from each frame to the next; that of the last is not used.
+    """
+    before: Tensor
+    """(T, B) variance of the level before each frame is seen."""
+    innovation: Tensor
+    """(T, B) variance of what each frame differs from the level by the frames before it."""
+
+    @property
+    def gain(self) -> Tensor:
+        """(T, B) share of each innovation that counts as a change of the level."""
+        return self.before / self.innovation
+
+    def whiten(self, values: Tensor) -> Tensor:
+        """Give what frames say beyond those before them: (T, ..., B), each of variance 1."""
+        return self.innovations(values) * _like(self.innovation.rsqrt(), values)
+
+    def unwhiten(self, values: Tensor) -> Tensor:
+        """Apply the transpose of `whiten`, which is linear: (T, ..., B) to (T, ..., B)."""
+        weighted = values * _like(self.innovation.rsqrt(), values)
+
+        def step(level: Tensor, value: Tensor, gain: Tensor) -> tuple[Tensor, Tensor]:
+            return level - gain * level - value, value + gain * level
+
+        zero = torch.zeros_like(values[0])
+        (transposed,) = scan(step, zero, weighted, _like(self.gain, values), reverse=True)
+        return transposed
+
+    def innovations(self, values: Tensor) -> Tensor:
+        """Give what each frame differs from the level by the frames before it: (T, ..., B)."""
+
+        def step(level: Tensor, value: Tensor, gain: Tensor) -> tuple[Tensor, Tensor]:
+            innovation = value - level
+            return level + gain * innovation, innovation
+
+        zero = torch.zeros_like(values[0])
+        (apart,) = scan(step, zero, values, _like(self.gain, values))
+        return apart
+
+    def smooth(self, values: Tensor) -> Smoothed:
+        """Find the level of each block by all frames, (T, B)."""
+        filtered = self.before * (1 - self.gain)
+        after = torch.cat([self.before[1:], torch.ones_like(filtered[:1])])
+        carry = filtered / after * _not_last(filtered)
+
+        def back(
+            level: Tensor, variance: Tensor, mean: Tensor, own: Tensor, ahead: Tensor, carry: Tensor
+        ) -> tuple[Tensor, ...]:
+            smooth = mean + carry * (level - mean)
+            spread = own + carry * carry * (variance - ahead)
+            return smooth, spread, smooth.clone(), spread.clone()
+
+        means = values - self.innovations(values) * (1 - self.gain)
+        start = means[-1], filtered[-1]
+        level, variance = scan(back, start, means, filtered, after, carry, reverse=True)
+        return Smoothed(level, variance, carry)
+
+
+def background_of(noise: Tensor, drift: Tensor) -> Background:
+    """Make the model of noise and drift, (T, B) each as `Background` has them."""
+
+    def step(variance: Tensor, r: Tensor, q: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        innovation = variance + r
+        return variance * r / innovation + q, variance.clone(), innovation
+
+    before, innovation = scan(step, UNKNOWN * noise[0], noise, drift)
+    return Background(noise, drift, before, innovation)
+
+
+def _like(values: Tensor, other: Tensor) -> Tensor:
+    """View (T, B) as (T, 1, ..., B), with as many axes as another tensor has."""
+    return values.reshape(values.shape[0], *([1] * (other.dim() - 2)), values.shape[1])
+
+
+def _not_last(values: Tensor) -> Tensor:
+    """Make (T, B) of 1, and of 0 for the last frame."""
+    return torch.cat([torch.ones_like(values[1:]), torch.zeros_like(values[:1])])
