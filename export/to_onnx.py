@@ -7,11 +7,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import onnx
 import torch
 import tyro
 from onnxscript.values import Opset
+from torch.onnx._internal.exporter import _ir_passes
 
 from export.film_graph import FILM_FORMAT, FilmGraph
 from export.orphan import end_with_parent
@@ -47,6 +49,20 @@ written in ONNX took 6 ms."""
 OPSET = 18
 """Version of ONNX's operators: the one that torch writes without converting, in which loops within
 loops are right, and which older versions of onnxruntime have, too."""
+
+
+BODIES = "pkg.torch.__subgraph__"
+"""Domain of the bodies of loops, which torch writes as functions."""
+_note_own_version = _ir_passes._maybe_set_opset_version
+
+
+def _note_version(versions: dict[str, int], domain: str, version: int | None) -> None:
+    """Note the version of a domain's operators; that of loops' bodies is 1 throughout.
+
+    torch gives those of loops within loops another one than the model, and then cannot put them in
+    their places.
+    """
+    _note_own_version(versions, domain, 1 if domain == BODIES else version)
 
 
 def _inverse(A: Any) -> Any:
@@ -141,7 +157,8 @@ def _translate(
         logging.getLogger(name).setLevel(logging.CRITICAL)
     # torch's cache of tensor shapes is slower than the shapes themselves where sizes are free
     uncached = torch._dynamo.config.patch(fake_tensor_cache_enabled=False)
-    with warnings.catch_warnings(), uncached:
+    agreed = patch.object(_ir_passes, "_maybe_set_opset_version", _note_version)
+    with warnings.catch_warnings(), uncached, agreed:
         warnings.simplefilter("ignore")  # of torch's own deprecations
         captured = torch.export.export(
             module.eval(),
