@@ -5,29 +5,22 @@
 
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from tyro.conf import OmitArgPrefixes
 
-from data_gen.effects import switch_off
 from data_gen.film.codec import CodecSettings
 from data_gen.film.frame import VideoFrame
 from data_gen.film.phone import PhoneSettings
 from data_gen.film.scenes import SceneSettings
 from data_gen.film.stream import VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
-from data_gen.pairs import get_pair
-from link.code.framing import encode, frames_needed
-from link.embed import check_kappa
-from link.errors import ParameterError, at_least, choose
+from link.code.framing import encode
+from link.errors import choose
 from link.layout import Layout
 from link.loop import Loop, LoopStates
 from link.presets import PRESETS
-
-MAX_LOOPS = 100.0
-"""Largest number of loops of the message after which a run may be given up."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +59,7 @@ class FilmSettings:
     """Effects of the channel that are switched off (data_gen/effects.py)."""
     jitter_s: float = VideoSettings.jitter_s
     """Standard deviation, in seconds, of how early or late the sensor takes a frame."""
-    phone: OmitArgPrefixes[PhoneSettings] = field(default_factory=PhoneSettings)
+    phone: PhoneSettings = field(default_factory=PhoneSettings)
     """What a phone does to the frames before it stores them."""
     codec: CodecSettings = field(default_factory=CodecSettings)
     """Codec through which the frames pass."""
@@ -75,28 +68,6 @@ class FilmSettings:
     def layout(self) -> Layout:
         """Layout that the display shows."""
         return choose(PRESETS, self.preset, "preset").layout
-
-    def name(self, seed: int) -> str:
-        """Name of the setting and of the seed of its draws, for files."""
-        rates = f"{self.state_hz:g}hz_{self.fps:g}fps"
-        grid = f"grid{self.layout.rows}" if self.preset == "paper" else self.preset
-        name = f"{grid}_{rates}_kappa{self.kappa}_{self.n_bytes}B_seed{seed}"
-        return "_".join([name, self.camera] if self.camera else [name])
-
-    @property
-    def camera(self) -> str:
-        """What differs from a plain camera with lossless frames, in one word; empty for nothing."""
-        words = [
-            f"{entry.name}{value:g}"
-            for part in (self, self.phone)
-            for entry in fields(part)
-            if part is self.phone
-            or entry.name in ("pan_px", "outside", "shutter", "hand", "drop", "jitter_s")
-            if (value := getattr(part, entry.name)) != entry.default
-        ]
-        words += ["x".join(map(str, self.size))] if self.size != SceneSettings.size else []
-        words += [f"without_{effect}" for effect in self.without]
-        return "_".join([*words, *([self.codec.label] if self.codec.on else [])])
 
     def video(self, scene: SceneSettings, seconds: float | None = None) -> VideoSettings:
         """Return the settings of a film of a scene."""
@@ -184,24 +155,3 @@ def film_message(take: Take) -> MessageFilm:
     pair, shown_layout = source.pair(take.pair), source.display_layout
     frames = film(LoopStates(loop), shown_layout, pair, take.view, settings, rng)
     return MessageFilm(take, picture.name, message, bits, frames)
-
-
-def check_settings(settings: FilmSettings) -> None:
-    """Raise an `InputError` that names the first setting with a wrong value, before any work."""
-    at_least(1, n_bytes=settings.n_bytes)
-    check_kappa(settings.kappa)
-    choose(PRESETS, settings.preset, "preset")
-    frames_needed(settings.n_bytes, settings.layout.n_bits, "n_bytes")
-    if not 0 < settings.loops <= MAX_LOOPS:
-        raise ParameterError(
-            "loops", f"need more than 0 and at most {MAX_LOOPS:g}, got {settings.loops:g}"
-        )
-    least, most = settings.coverage
-    for share in settings.coverage:
-        scene = SceneSettings(settings.size, share)
-        settings.video(scene).check()
-        replace(scene, outside=settings.outside).check()
-    settings.codec.check()
-    switch_off(get_pair("canon-lg"), settings.without)
-    if not least <= most:
-        raise ParameterError("coverage", f"the largest share, {most:g}, is below the least")

@@ -216,14 +216,6 @@ def test_an_encoder_that_refuses_says_so(monkeypatch: pytest.MonkeyPatch) -> Non
         list(through_codec(drifting(), replace(FINE, name="hevc", b_frames=16), FPS))
 
 
-def test_labels_tell_settings_apart() -> None:
-    assert CodecSettings().label == ""
-    assert FINE.label == "h264_5000k"
-    other = CodecSettings("hevc", 800, "main", 0.5, 2, "fast", True)
-    assert other.label == "hevc_800k_gop0.5_b2_fast_full"
-    assert replace(FINE, profile="main").label == "h264_5000k_main"
-
-
 @pytest.mark.parametrize("name", codec.ENCODERS)
 def test_the_same_film_comes_back_whatever_the_memory_holds(name: str) -> None:
     rng, held, seen = np.random.default_rng(5), [], set()

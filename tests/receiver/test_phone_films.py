@@ -13,7 +13,7 @@ from data_gen.film.scenes import SceneSettings
 from data_gen.film.stream import VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
 from export.runtime import Decoder
-from lab.films.trial import FilmReading, graph_of
+from lab.films.rates import graph_of, read_message
 from link.code.framing import encode
 from link.embed import embed
 from link.layout import make_layout
@@ -58,13 +58,8 @@ def test_a_lens_that_bends_the_display_costs_few_bits() -> None:
     wrong = []
     for k in (0.0, -0.1):
         settings = replace(plain, phone=PhoneSettings(distortion=k))
-        filmed = film_message(take := Take(settings, "canon-lg", 0.0, 0, 0))
-        reading = FilmReading(filmed, Decoder(graph_of(take)))
-        for frame in filmed.frames:
-            reading.push(frame)
-            if reading.ended:
-                break
-        delivery = reading.delivery()
+        take = Take(settings, "canon-lg", 0.0, 0, 0)
+        delivery = read_message(film_message(take), Decoder(graph_of(take)))
         assert delivery.delivered
         wrong.append(delivery.bits_wrong / delivery.bits)
     assert wrong[1] < wrong[0] + 0.01

@@ -14,12 +14,12 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from browser import serve_folder, text_of
 from conftest import OpenWindow, cases
 from playwright.sync_api import Browser, Page
 from port import Port, same
 from web_films import write_film
 
-from lab.films.browser import serve_folder, text_of
 from link.code.authenticate import Verifier, sign
 from link.code.framing import encode, longest_message
 from link.images import write_image
