@@ -63,12 +63,12 @@ def shipped_model() -> bytes:
 
 @pytest.fixture(scope="module")
 def unseen(layout: Layout) -> list[Observation]:
-    """24 frame pairs of all nine pairs, a third at each size."""
+    """15 frame pairs of all nine pairs, a third at each size."""
     source = Source(layout, seed=UNSEEN_SEED)
     pairs = []
-    for index in range(24):
+    for index in range(15):
         cell = Cell(list(PAIRS)[index % 9], 5.0 * (index % 12), 1 + index % 6)
-        width, height = SIZES[index // 8]
+        width, height = SIZES[index // 5]
         captured = FramePair(source, cell, index).captured
         pairs.append(replace(captured, layout=replace(layout, width=width, height=height)))
     return [captured.rectified() for captured in pairs]
@@ -91,7 +91,7 @@ def test_torch_and_onnxruntime_agree_on_unseen_frames_of_any_size(
         assert np.array_equal(theirs.bits, ours.bits)
 
 
-@pytest.mark.parametrize("start", [0, 8, 16])
+@pytest.mark.parametrize("start", [0, 5, 10])
 def test_torch_and_onnxruntime_agree_on_a_batch(
     module: PhiDecoder, model: bytes, unseen: list[Observation], start: int
 ) -> None:

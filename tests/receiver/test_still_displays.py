@@ -75,6 +75,7 @@ def test_a_still_print_keeps_no_display_from_being_read(where: str) -> None:
     assert STILL_S < number / 30 < STILL_S + 3.0
 
 
+@pytest.mark.slow
 def test_a_display_of_which_nothing_is_read_is_looked_for_anew(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -209,6 +209,7 @@ def damages(file: Path) -> Iterator[tuple[tuple[Any, ...], Any, bytes]]:
             yield path, new, "\n".join(lines).encode()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SOME)
 def test_many_places_of_every_file_may_hold_anything(
     shown: Callable[..., bool], good: Path, name: str

@@ -295,6 +295,7 @@ def test_what_is_run_decides(name: str, text: str, checkout: Path) -> None:
     assert code_digest("models.decoder", root=checkout) != digest_after(checkout, name, text)
 
 
+@pytest.mark.slow
 def test_cells_stay_valid_where_the_player_changes_and_not_where_a_decoder_does(
     tmp_path: Path,
 ) -> None:
@@ -362,7 +363,8 @@ def test_something_else_listens(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @cases("nonsense", "http://host:1", "tcp://host", "tcp://host:99999", "tcp://[", "")
-def test_an_address_that_is_none(address: str) -> None:
+def test_an_address_that_is_none(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(backends, "CONNECT_S", 0.5)
     with pytest.raises(InputError, match="need an address such as tcp://host:8786"):
         no_tasks(address)
 

@@ -290,6 +290,7 @@ def test_a_preset_says_all_and_no_flag_is_needed(
     assert 0 < said["message_bit_per_s"] < said["bound_bit_per_s"]
 
 
+@pytest.mark.slow
 def test_flags_change_a_preset(inputs: Path, tmp_path: Path, send: Send) -> None:
     words = ("--preset", "hidden", "--width", 256, "--height", 192)
     words += ("--size", "256x192", "--fit", "stretch")
@@ -353,6 +354,7 @@ def animate(file: Path, levels: tuple[int, ...]) -> Path:
     return file
 
 
+@pytest.mark.slow
 def test_what_moves_is_told_where_pilots_take_the_place_of_patches(
     inputs: Path, tmp_path: Path, command: Command
 ) -> None:
@@ -538,6 +540,7 @@ SHOWN = ("--preset", "paper", "--rows", 12, "--cols", 16, "--width", 256, "--hei
          "--size", "256x192", "--fit", "cover")  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_sender_says_how_visible_the_message_is(tmp_path: Path, send: Send) -> None:
     said = send(tmp_path / "a", *SHOWN, "--kappa", 2)
     assert json.loads((tmp_path / "a" / "sent.json").read_text()) | {"out": said["out"]} == said

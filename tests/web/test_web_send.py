@@ -382,6 +382,7 @@ def test_all_pages_work_without_a_network(site: Path, browser: Any) -> None:
     context.close()
 
 
+@pytest.mark.slow
 def test_the_page_that_sends_is_small(site: Path) -> None:
     names = (
         "send.html",
