@@ -171,12 +171,6 @@ def test_building_it_again_decodes_nothing_and_gives_the_same_bytes(
 
 
 @pytest.mark.slow
-def test_a_folder_that_moved_gives_the_same_page(tiny: Path, tmp_path: Path) -> None:
-    shutil.copytree(tiny, tmp_path / "moved")
-    assert write_report(tmp_path / "moved").read_bytes() == (tiny / "report.html").read_bytes()
-
-
-@pytest.mark.slow
 def test_failures_carry_a_measured_reason(tiny: Path) -> None:
     stories = json.loads((tiny / "stories.json").read_text())
     failures = [story for story in stories if story["kind"] == "failure"]
