@@ -73,7 +73,7 @@ def test_the_code_of_a_document_runs(file: Path, tmp_path: Path) -> None:
     run_process(sys.executable, "script.py", cwd=tmp_path, **variables)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive  # those of the README are run in CI
 def test_the_commands_of_the_receiver_run(tmp_path: Path) -> None:
     shown = (ROOT / "docs" / "receiver.md").read_text()
     script = "".join(re.findall(r"^```bash\n(.*?)^```$", shown, re.DOTALL | re.MULTILINE))

@@ -95,7 +95,7 @@ def tiny(make_once: MakeOnce) -> Path:
 
     def fill(folder: Path) -> None:
         with pytest.MonkeyPatch.context() as patch:
-            sweeps = ["--sweeps", "ratex", "kappa"]
+            sweeps = ["--sweeps", "ratex", "noise"]
             patch.setattr("sys.argv", ["evaluate.py", *TINY, *sweeps, "--out", str(folder)])
             evaluate.main()
 
@@ -130,7 +130,7 @@ def test_the_numbers_are_those_of_the_metrics(tiny: Path) -> None:
 def test_sweeps_state_every_point_with_its_size(tiny: Path) -> None:
     text = check_page(tiny / "report.html").text["sweeps"]
     run = RunFolder(tiny).read()
-    assert {curve.name for curve in run.sweeps} == {"ratex", "kappa"}
+    assert {curve.name for curve in run.sweeps} == {"ratex", "noise"}
     scores = score(run.swept)
     for curve in run.sweeps:
         assert len(curve.points) == len(SWEEPS[curve.name].quick)
