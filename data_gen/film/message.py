@@ -38,9 +38,6 @@ class FilmSettings:
     """Number of frames that the camera takes a second."""
     n_bytes: int = 100
     """Length of the message, bytes."""
-    pan_px: float = 0.0
-    """Number of pixels by which the picture that carries the message moves to the right from one
-    frame pair to the next, as in a video; 0 for a picture that stands still."""
     loops: float = 3.0
     """Number of loops of the message after which a run is given up."""
     coverage: tuple[float, float] = (0.15, 0.6)
@@ -136,15 +133,11 @@ def film_message(take: Take) -> MessageFilm:
     picture = pictures[int(rng.integers(len(pictures)))]
     message = rng.bytes(config.n_bytes)
     bits = encode(message, layout.n_bits)
-    shown = [picture.rgb]
-    if config.pan_px:
-        moves = [round(number * config.pan_px) for number in range(len(bits))]
-        shown = [np.roll(picture.rgb, move, axis=1) for move in moves]
     loop = Loop(
         layout,
         config.kappa,
         bits,
-        lambda: iter(shown),
+        lambda: iter([picture.rgb]),
         display_size=source.shown_size,
         even=PRESETS[config.preset].even,
     )

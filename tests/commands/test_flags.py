@@ -118,11 +118,7 @@ def test_the_numbers_of_commands_are_found(monkeypatch: pytest.MonkeyPatch) -> N
         found[module] = numbers_of(described(main, monkeypatch))
     assert found["data_gen.video"][0] == ["--out", "x", "--message", "x"]
     video = found["data_gen.video"][1]
-    assert (video["--view"], video["--size"], video["--passer-s"]) == (
-        (float, 1),
-        (int, 2),
-        (float, 2),
-    )
+    assert (video["--view"], video["--size"]) == ((float, 1), (int, 2))
     assert {"--seed", "--coverage", "--margin-px", "--clock-error"} <= set(video)
     assert found["sender.__main__"][1]["--counter"] == (int, 1)
     assert found["export.parity"][0] == ["x"]

@@ -214,23 +214,6 @@ def test_lost_frames_are_counted_and_repeated_ones_flagged() -> None:
     assert 0.15 < np.mean([frame.duplicate for frame in frames]) < 0.45
 
 
-def test_who_looks_away_sees_no_display_and_comes_back() -> None:
-    frames = stream(replace(STEADY, seconds=3.0, fps=10.0, away_s=(0.5, 2.5)), (WHITE,))
-    bright = np.array([(frame.rgb[:, :, 1] > 200).mean() for frame in frames])
-    assert (bright[12:20] == 0).all()
-    assert [frame.visible for frame in frames][:5] == [True] * 5
-    assert not any(frame.visible for frame in frames[12:20])
-    np.testing.assert_allclose(bright[:5], bright[26:].mean(), atol=0.01)
-
-
-def test_someone_walks_through_the_image() -> None:
-    frames = stream(replace(STEADY, seconds=2.0, fps=10.0, passer_s=(0.45, 1.55)), (WHITE,))
-    lit = np.array([(frame.rgb[:, :, 1] > 200).sum() for frame in frames])
-    assert (lit[:5] == lit[0]).all()
-    assert (lit[16:] == lit[0]).all()
-    assert lit.min() < 0.8 * lit[0]
-
-
 def test_a_stream_without_length_does_not_end_and_asks_for_states() -> None:
     asked = []
 

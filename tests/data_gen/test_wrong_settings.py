@@ -46,8 +46,6 @@ def h264(**settings: object) -> CodecSettings:
     (VideoSettings(shutter=NAN), "shutter: need 1e-05 to 1 seconds"),
     (VideoSettings(drop=1.0), "drop: need a probability"),
     (VideoSettings(duplicate=-0.1), "duplicate"),
-    (VideoSettings(passer_s=(2.0, 1.0)), "passer_s: the end must come after the start"),
-    (VideoSettings(away_s=(1.0, 1.0)), "away_s"),
     (VideoSettings(jitter_s=-0.1), "jitter_s: need 0 to 1 seconds"),
     (SceneSettings(size=(20, 400)), "size: need at least 64x64"),
     (SceneSettings(coverage=0.01), "coverage: need a share from 0.05 to 0.9, got 0.01"),
