@@ -14,7 +14,6 @@ import data_gen.__main__ as data_gen_cli
 import evaluate
 import export.runtime as runtime_cli
 from export.runtime import Decoder
-from link.captures import load_capture, read_manifest
 from link.frames import Captured
 from link.images import write_image
 from models import OF_PAIRS, PRETRAINED
@@ -116,19 +115,6 @@ def test_corners_that_do_not_fit_are_refused(
 
 
 # python -m data_gen, then evaluate.py --captures
-
-
-@pytest.mark.slow
-def test_data_gen_writes_captures_with_a_manifest(captures: Path) -> None:
-    entries = read_manifest(captures)
-    assert len(entries) == 2
-    for number, entry in enumerate(entries):
-        assert entry["original"] == f"{number:05d}_original.png"
-        assert (entry["pair"], entry["view_deg"], entry["kappa"]) == ("sony-lg", 20.0, 5)
-        assert entry["simulated"] is True
-        loaded = load_capture(captures, entry)  # checks the sha256
-        assert loaded.bits.shape == (loaded.layout.n_bits,)
-    assert len(list(captures.iterdir())) == 5  # nothing left over
 
 
 @pytest.mark.slow

@@ -152,16 +152,6 @@ def test_kappa_of_the_ratex_patches_reaches_the_receiver() -> None:
 # Pictures of a source
 
 
-def test_train_and_test_share_no_picture() -> None:
-    train, test = (
-        {picture.name for picture in shuffled_pictures(Source(SMALL, split))}
-        for split in ("train", "test")
-    )
-    assert len(train) == 20
-    assert len(test) == 15
-    assert train.isdisjoint(test)
-
-
 @pytest.mark.parametrize("split", ["train", "test"])
 def test_the_first_pictures_mix_photographs_and_drawings(split: str) -> None:
     first = [picture.name for picture in shuffled_pictures(Source(SMALL, split))[:6]]

@@ -423,6 +423,7 @@ def test_compare_refuses_other_captures(store: Store, refuses: Refuses) -> None:
         [
             ([line("oorc", 0, 1)], {"seed": 1}, "has seed 0 and"),
             ([line("oorc", 0, 1)], {"set": ["drift=0.1"]}, "has set None and"),
+            ([line("oorc", 0, 1)], {"modulation": "antipodal"}, "has modulation None and"),
             ([line("oorc", 0, 1, bits=[1] * 10)], {}, "was sent other bits"),
             ([line("naive", 0, 1)], {}, "share no method"),
         ]
