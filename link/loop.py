@@ -22,6 +22,8 @@ MAX_PAIRS = 4096
 
 Pictures = Callable[[], Iterator[NDArray[np.uint8]]]
 """Pictures of any size, (H, W, 3) uint8, encoded RGB; each call begins with the first picture."""
+PictureAt = Callable[[float], NDArray[np.uint8]]
+"""Gives the picture that a film shows at a time in seconds, (H, W, 3) uint8, encoded RGB."""
 
 
 @dataclass
@@ -93,19 +95,34 @@ class Loop:
             InputError: a picture is no good, the loop is too long, or kappa, the bits or the
                 pyramid level do not fit the layout.
         """
-        last, laid, steps = None, None, None
+        carrier = None
         for number, picture in enumerate(self._pictures()):
             if number == MAX_PAIRS:
                 raise InputError(
                     f"a loop holds at most {MAX_PAIRS} frame pairs; "
                     "give fewer pictures or a shorter video"
                 )
-            if laid is None or picture is not last:
-                last, laid = picture, self.placement.grid_frame(picture, self.layout)
-                steps = block_steps(laid, self.shown_layout) if self.even else None
-            bits = self.bits[number % len(self.bits)]
-            yield Carrier(laid, bits, steps, bool(number % 2), self)
+            carrier = self.carrier(number, picture, carrier)
+            yield carrier
         self.given = number + 1
+
+    def carrier(
+        self, number: int, picture: NDArray[np.uint8], before: "Carrier | None" = None
+    ) -> "Carrier":
+        """Say what the frame pair with a number is made of.
+
+        Args:
+            number: number of the pair, 0 or more, which chooses the bits.
+            picture: picture of any size that carries them.
+            before: another pair's, from which comes what is the same of the same picture.
+        """
+        if before is not None and before.given is picture:
+            laid, steps = before.picture, before.steps
+        else:
+            laid = self.placement.grid_frame(picture, self.layout)
+            steps = block_steps(laid, self.shown_layout) if self.even else None
+        bits = self.bits[number % len(self.bits)]
+        return Carrier(picture, laid, bits, steps, bool(number % 2), self)
 
     def states(self) -> Iterator[NDArray[np.uint8]]:
         """Give the frames of one loop as the display shows them one after another.
@@ -179,6 +196,43 @@ class Loop:
         }
 
 
+class MovingStates:
+    """States by their number, of a display that plays a film without end and a loop's message.
+
+    >>> film = lambda time: np.full((48, 64, 3), 100 + int(10 * time), np.uint8)
+    >>> bits = np.ones((2, 16), np.uint8)
+    >>> loop = Loop(Layout(4, 4, 64, 48, ()), 3, bits, lambda: iter([film(0)]))
+    >>> states = MovingStates(loop, film, state_hz=10.0)
+    >>> int(states(4).max() - states(2).max()), int(states(5).max() - states(4).max())
+    (2, 4)
+
+    Args:
+        loop: message, layout, and how pictures lie on the display.
+        picture_at: the film.
+        state_hz: number of states a second.
+        in_step: whether both states of a frame pair show one picture; else each shows the one of
+            its own time.
+    """
+
+    def __init__(
+        self, loop: Loop, picture_at: PictureAt, state_hz: float, in_step: bool = False
+    ) -> None:
+        self._loop, self._picture_at, self._state_hz = loop, picture_at, state_hz
+        self._in_step = in_step
+        self._last: tuple[int, NDArray[np.uint8], Displayed] | None = None
+
+    def __call__(self, number: int) -> NDArray[np.uint8]:
+        """Give a state as it lies on the display, (height, width, 3) uint8."""
+        pair = number // 2
+        picture = self._picture_at((2 * pair if self._in_step else number) / self._state_hz)
+        if self._last is None or self._last[0] != pair or self._last[1] is not picture:
+            carrier = self._loop.carrier(pair, picture)
+            self._last = pair, picture, carrier.displayed()
+        shown, embedded = self._last[2], self._loop.layout.code.states_of(pair)[1] == number
+        frame = shown.embedded if embedded else shown.original
+        return self._loop.placement.display_frame(frame, self._loop.layout)
+
+
 class LoopStates:
     """States by their number, as a display shows them that plays a loop over and over.
 
@@ -216,6 +270,8 @@ class Carrier:
     A player needs no more than picture and bits, and so spares the time for pairs.
     """
 
+    given: NDArray[np.uint8]
+    """(H, W, 3) uint8, encoded RGB, as the loop's pictures have it."""
     picture: NDArray[np.uint8]
     """(height, width, 3) uint8, encoded RGB, as it lies on the display, of the loop's shown layout.
     """
