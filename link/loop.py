@@ -1,8 +1,9 @@
 """The loop that a display shows: a message and pictures become frame pairs, one at a time."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from itertools import islice
 from math import lcm
 from typing import Any
 
@@ -19,6 +20,9 @@ from link.strength import block_steps
 
 MAX_PAIRS = 4096
 """Largest number of frame pairs in a loop."""
+MOST_WHOLE = 256
+"""Largest number of frame pairs, some seconds of film, of what is written to hold whole loops and
+whole codes."""
 
 Pictures = Callable[[], Iterator[NDArray[np.uint8]]]
 """Pictures of any size, (H, W, 3) uint8, encoded RGB; each call begins with the first picture."""
@@ -63,10 +67,12 @@ class Loop:
     even: bool = False
     """Whether blocks change by what makes all of them equally visible (`link.strength`), of which
     kappa is the least."""
+    moving: bool = False
+    """Whether each state has a picture of its own, as films have; else each frame pair has one."""
     given: int = 0
     """Number of frame pairs, known once `carriers` was taken to its end."""
     n_pictures: int = 0
-    """Number of pictures, known then as well."""
+    """Number of frame pairs that show every picture once, known then as well."""
 
     @cached_property
     def placement(self) -> Placement:
@@ -95,14 +101,17 @@ class Loop:
             InputError: a picture is no good, the loop is too long, or kappa, the bits or the
                 pyramid level do not fit the layout.
         """
-        carrier = None
-        for number, picture in enumerate(self._pictures()):
+        last = None
+        for number, (picture, after) in enumerate(self._pictures()):
             if number == MAX_PAIRS:
                 raise InputError(
                     f"a loop holds at most {MAX_PAIRS} frame pairs; "
                     "give fewer pictures or a shorter video"
                 )
-            carrier = self.carrier(number, picture, carrier)
+            carrier = last = self.carrier(number, picture, last)
+            if after is not picture:
+                last = self.carrier(number, after, carrier)
+                carrier = replace(carrier, after=last)
             yield carrier
         self.given = number + 1
 
@@ -128,18 +137,26 @@ class Loop:
         """Give the frames of one loop as the display shows them one after another.
 
         Each is (height, width, 3) uint8, encoded RGB, of the display's size. The layout's code
-        says whether a pair's original or its embedded frame comes first; a loop that is shorter
-        than the code is given several times, so that the code is seen as a whole.
+        says whether a pair's original or its embedded frame comes first. The loop is given again
+        until the code is at its end, too, so that the code goes on where the states are played
+        over and over. Where that would take more than `MOST_WHOLE` pairs, the last time ends
+        early: receivers lose no more by a jump in the message than by a lost frame, and the clock
+        by a jump in the code.
 
         Raises:
             InputError: a picture is no good, the loop is too long, or kappa, the bits or the
                 pyramid level do not fit the layout.
         """
-        code, number = self.layout.code, 0
-        while number < code.period:
-            for carrier in self.carriers():
-                yield from self.display_frames(carrier.displayed())[:: code.sign(number)]
+        code, number, pairs = self.layout.code, 0, None
+        while number != pairs:
+            for carrier in islice(self.carriers(), pairs and pairs - number):
+                for frame in carrier.shown(code.sign(number)):
+                    yield self.placement.display_frame(frame, self.layout)
                 number += 1
+            if pairs is None:
+                whole = lcm(self.given, code.period)
+                least = -(-self.given // code.period) * code.period
+                pairs = whole if whole <= max(self.given, MOST_WHOLE) else least
 
     def display_frames(self, pair: Displayed) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """Lay both frames of a pair on the display, (height, width, 3) uint8 of its size."""
@@ -147,19 +164,24 @@ class Loop:
         original, embedded = (self.placement.display_frame(each, self.layout) for each in frames)
         return original, embedded
 
-    def _pictures(self) -> Iterator[NDArray[np.uint8]]:
-        """Every picture once, and then again until the message is whole."""
+    def _pictures(self) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.uint8]]]:
+        """Both pictures of each pair; every picture once, then again until the message is whole."""
         given = 0
-        for picture in self.pictures():
+        for pair in self._of_pairs():
             given += 1
-            yield picture
+            yield pair
         self.n_pictures = given
         while True:
-            for picture in self.pictures():
+            for pair in self._of_pairs():
                 if given % len(self.bits) == 0:
                     return
                 given += 1
-                yield picture
+                yield pair
+
+    def _of_pairs(self) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.uint8]]]:
+        pictures = self.pictures()
+        for picture in pictures:
+            yield picture, next(pictures, picture) if self.moving else picture
 
     def report(self, message_bytes: int, state_hz: float) -> dict[str, Any]:
         """Say what was sent, after all `carriers` were taken: counts, seconds and bit/s.
@@ -283,9 +305,27 @@ class Carrier:
     """Whether the dither is turned, as in every second frame pair of a loop."""
     loop: Loop
     """The loop to which it belongs."""
+    after: "Carrier | None" = None
+    """What the pair would be made of if it showed the picture of its second state, where that is
+    another one; else None."""
+
+    def shown(self, sign: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        """Make both states, before they are turned, in the order in which they are shown.
+
+        Args:
+            sign: 1 where the original frame comes first, -1 where it comes last.
+
+        Raises:
+            InputError: as `displayed` does.
+        """
+        first = self.displayed()
+        second = first if self.after is None else self.after.displayed()
+        if sign > 0:
+            return first.original, second.embedded
+        return first.embedded, second.original
 
     def displayed(self) -> Displayed:
-        """Make both frames as the display shows them, before they are turned.
+        """Make both frames as the display shows them over one picture, before they are turned.
 
         Raises:
             InputError: kappa, the bits or the pyramid level do not fit the layout.

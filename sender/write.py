@@ -9,12 +9,13 @@ from typing import Any
 from link.errors import InputError, ParameterError
 from link.files.lock import locked
 from link.files.together import lent_folder
-from link.images import MAX_NAME_BYTES, write_bytes, write_image
+from link.images import MAX_NAME_BYTES, replaced, write_bytes, write_image
 from link.images.video import write_video
 from link.loop import Loop
 from link.types import Image
 from sender.likeness import Likeness
 from sender.player import with_bar, write_player
+from sender.sound import add_sound
 
 KINDS = ("", ".html", ".avi", ".mkv")
 """Endings of an output's name: none for a folder of images, then the player, then two videos."""
@@ -61,6 +62,7 @@ def write_loop(
     out: Path,
     message_bytes: int,
     state_hz: float,
+    sound: Path | None = None,
     *,
     flicker: str = "",
     more: Mapping[str, Any],
@@ -73,6 +75,7 @@ def write_loop(
         message_bytes: length of the message.
         state_hz: states shown in a second, by a video, or by the player where the display's
             refreshes allow it.
+        sound: video whose sound is written beside the states, where a video is written.
         flicker: what the player asks before it plays, as `Hiding.flicker` says it.
         more: values of JSON's types that are reported beside the loop's own.
 
@@ -97,7 +100,10 @@ def write_loop(
         if kind == ".html":
             write_player(out, loop, state_hz, flicker)
         elif kind:
-            write_video(out, states, state_hz)
+            with replaced(out, kind) as whole:
+                write_video(whole, states, state_hz)
+                if sound is not None:
+                    add_sound(whole, sound, 2 * loop.n_pictures / state_hz)
         else:
             place = Path(os.path.realpath(out))
             with lent_folder(place, out) as folder:
