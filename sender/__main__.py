@@ -8,6 +8,7 @@ import json
 import math
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from link.placement import FITS
 from link.presets import DEFAULT_PRESET, PRESETS, Preset, least_camera_fps, needed_camera_fps
 from sender.hiding import Hiding, Onlooker
 from sender.pictures import is_film, note_coarse, open_pictures
+from sender.player import PLAYED
 from sender.write import output_kind, write_loop
 
 GRID_FLAGS = ("rows", "cols", "width", "height", "ratex", "modulation", "pilots")
@@ -250,6 +252,9 @@ def main() -> None:
     even = preset.even if args.even is None else args.even
     even = even and layout.modulation == "antipodal" and not args.pyramid_level
     moving = is_film(args.pictures)
+    if kind == ".html" and moving and args.pictures.suffix.lower() in PLAYED:
+        first = next(pictures())  # the page makes the states of the others
+        pictures = partial(iter, [first])
     loop = Loop(
         layout, preset.kappa, bits, pictures, args.pyramid_level, args.size, fit, even, moving
     )
@@ -266,8 +271,8 @@ def main() -> None:
         "visibility_block": round(hiding.seen(loop.kappa), 3),
         "visibility_screen": round(hiding.seen(loop.kappa, "screen"), 3),
     }
-    sound = args.pictures if moving else None
-    report = write_loop(loop, args.out, len(message), state_hz, sound, flicker=flicker, more=more)
+    film = args.pictures if moving else None
+    report = write_loop(loop, args.out, len(message), state_hz, film, flicker=flicker, more=more)
     print(json.dumps({"out": str(args.out), **report}))
     better = BETTER.format(better_fps) if better_fps > camera_fps else ""
     print(NEEDED.format(state_hz, camera_fps, better), file=sys.stderr)

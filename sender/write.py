@@ -14,7 +14,7 @@ from link.images.video import write_video
 from link.loop import Loop
 from link.types import Image
 from sender.likeness import Likeness
-from sender.player import with_bar, write_player
+from sender.player import PLAYED, with_bar, write_film_player, write_player
 from sender.sound import add_sound
 
 KINDS = ("", ".html", ".avi", ".mkv")
@@ -62,7 +62,7 @@ def write_loop(
     out: Path,
     message_bytes: int,
     state_hz: float,
-    sound: Path | None = None,
+    film: Path | None = None,
     *,
     flicker: str = "",
     more: Mapping[str, Any],
@@ -75,7 +75,7 @@ def write_loop(
         message_bytes: length of the message.
         state_hz: states shown in a second, by a video, or by the player where the display's
             refreshes allow it.
-        sound: video whose sound is written beside the states, where a video is written.
+        film: video that the loop shows: a player plays it, and a video gets its sound.
         flicker: what the player asks before it plays, as `Hiding.flicker` says it.
         more: values of JSON's types that are reported beside the loop's own.
 
@@ -97,13 +97,15 @@ def write_loop(
             raise ParameterError("out", f"{out} is already there; remove it or choose another name")
         likeness = Likeness.of(loop).report()
         states = with_bar(loop.states(), 2 * len(loop.bits), "state")
-        if kind == ".html":
+        if kind == ".html" and film is not None and film.suffix.lower() in PLAYED:
+            write_film_player(out, loop, film, state_hz, flicker)
+        elif kind == ".html":
             write_player(out, loop, state_hz, flicker)
         elif kind:
             with replaced(out, kind) as whole:
                 write_video(whole, states, state_hz)
-                if sound is not None:
-                    add_sound(whole, sound, 2 * loop.n_pictures / state_hz)
+                if film is not None:
+                    add_sound(whole, film, 2 * loop.n_pictures / state_hz)
         else:
             place = Path(os.path.realpath(out))
             with lent_folder(place, out) as folder:

@@ -71,7 +71,7 @@ function turnedPicture({ width, height, data }) {
  */
 function withRoom({ width, height, data }, preset, steps) {
   const { rows, cols } = preset.loop;
-  const room = Uint8Array.from(atob(preset.room), (letter) => letter.charCodeAt(0));
+  const room = Uint8Array.from(atob(preset.film.rooms), (letter) => letter.charCodeAt(0));
   const shown = new Uint8Array(data.length);
   for (let y = 0, at = 0; y < height; y++) {
     const row = Math.floor((y * rows) / height) * cols;
