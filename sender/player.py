@@ -20,7 +20,16 @@ from link.images import write_bytes
 from link.loop import Loop
 from link.placement import Placement
 from link.ratex import draw_patches
-from sender.compact import PLACE, TEMPLATE, Compact, film_page, packed, rule_page
+from sender.compact import (
+    EMBEDDED_BYTES,
+    MAX_FILM_BYTES,
+    PLACE,
+    TEMPLATE,
+    Compact,
+    film_page,
+    packed,
+    rule_page,
+)
 
 T = TypeVar("T")
 BAR_AFTER_S = 2.0
@@ -33,8 +42,8 @@ PLAYED = {
     ".ogv": "video/ogg",
 }
 """By the ending of a video's name its type, where browsers play such videos by themselves."""
-EMBEDDED_BYTES, PART_BYTES, MAX_FILM_BYTES = 2**26, 3 * 2**23, 2**31
-"""Largest film that a page holds, size of the parts of a larger one, and largest film at all."""
+PART_BYTES = 3 * 2**23
+"""Size of the parts of a film that lies beside its page."""
 MOST_BLOCK_PIXELS = 2**14 - 1
 """Largest number of pixels of a block whose light a page adds up in whole numbers of 32 bits."""
 MAX_DECODED_BYTES = 2**30

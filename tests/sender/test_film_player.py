@@ -2,14 +2,13 @@
 
 import base64
 import json
-from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-import av
 import numpy as np
 import pytest
 from conftest import Command, OpenWindow, Refuses, cases, slow
+from moving import write_moving
 from playwright.sync_api import Page
 from test_player import CANVAS, EXACT, pixels_of, wait_for
 
@@ -22,29 +21,6 @@ from link.types import Image
 from sender.player import write_film_player
 
 MESSAGE = b"Hi"
-FRAMES, RATE = 12, 6
-
-
-def write_film(file: Path, width: int, height: int) -> Path:
-    """Write a film of shapes and noise that move, from black to white."""
-    rng = np.random.default_rng(0)
-    ramp = np.linspace(0, 255, width)[None, :, None]
-    with av.open(file, "w") as out:
-        stream = out.add_stream("libvpx", RATE)
-        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
-        stream.bit_rate = 4_000_000
-        for number in range(FRAMES):
-            image = np.roll(np.broadcast_to(ramp, (height, width, 3)), 9 * number, axis=1).copy()
-            image[: height // 2] += rng.normal(0, 40, (height // 2, width, 3))
-            image[:, : width // 4] = 20 * number, 255 - 20 * number, 128
-            levels = np.clip(image, 0, 255).astype(np.uint8)
-            frame = av.VideoFrame.from_ndarray(levels, "rgb24")
-            frame.pts, frame.time_base = number, Fraction(1, RATE)
-            out.mux(stream.encode(frame))
-        out.mux(stream.encode())
-    return file
-
-
 GIVEN_PICTURE = """() => {
     const { gl } = painter, { videoWidth: width, videoHeight: height } = film.video;
     gl.activeTexture(gl.TEXTURE0);
@@ -108,7 +84,7 @@ def test_states_over_a_films_pictures_are_those_of_python(
     case: str, shape: str, open_window: OpenWindow, tmp_path: Path
 ) -> None:
     size, given, fit = SHAPES[shape]
-    film = write_film(tmp_path / "film.webm", *given)
+    film = write_moving(tmp_path / "film.webm", *given)
     loop = film_loop(case, size, given, fit=fit)
     write_film_player(tmp_path / "player.html", loop, film, 15)
     page = open_window(*size)
@@ -125,7 +101,7 @@ def test_states_over_a_films_pictures_are_those_of_python(
 
 
 def test_the_film_plays_while_the_message_toggles(open_window: OpenWindow, tmp_path: Path) -> None:
-    film = write_film(tmp_path / "film.webm", 122, 84)
+    film = write_moving(tmp_path / "film.webm", 122, 84)
     write_film_player(tmp_path / "p.html", film_loop(HARD[0], (122, 84), (122, 84)), film, 15)
     page = open_window(122, 84)
     page.goto((tmp_path / "p.html").as_uri())
@@ -150,7 +126,7 @@ def test_a_film_lies_in_the_page_or_in_scripts_beside_it(
     if place == "beside":
         monkeypatch.setattr(player_module, "EMBEDDED_BYTES", 1000)
         monkeypatch.setattr(player_module, "PART_BYTES", 3000)
-    film = write_film(tmp_path / "film.webm", 160, 96)
+    film = write_moving(tmp_path / "film.webm", 160, 96)
     out = tmp_path / "out"
     out.mkdir()
     line = (film, "--message", "Hi", "--preset", "robust", "--out", out / "player.html")
@@ -169,7 +145,7 @@ def test_a_film_lies_in_the_page_or_in_scripts_beside_it(
 def test_films_that_a_player_does_not_take_are_refused_in_one_line(
     tmp_path: Path, refuses: Refuses, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    film = write_film(tmp_path / "film.webm", 160, 96)
+    film = write_moving(tmp_path / "film.webm", 160, 96)
     line = f"{film} --message Hi --out p.html --preset robust"
     refuses("sender.__main__", f"{line} --pyramid-level 1 --no-even", "hard edges", began=True)
     monkeypatch.setattr(player_module, "MAX_FILM_BYTES", 1000)
