@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from link.errors import InputError
 from link.images import replaced
 
 try:
@@ -37,8 +38,8 @@ def add_sound(video: Path, film: Path, film_s: float) -> None:
         with av.open(film) as source:
             if source.streams.audio:
                 _write_both(video, source, film_s)
-    except av.FFmpegError as error:
-        print(SILENT.format(film, f"FFmpeg says: {error.strerror}"), file=sys.stderr)
+    except (av.FFmpegError, InputError) as error:
+        print(SILENT.format(film, error), file=sys.stderr)
 
 
 def _write_both(video: Path, source: Any, film_s: float) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 from link.errors import InputError, ParameterError
 from link.files.lock import locked
 from link.files.together import lent_folder
-from link.images import MAX_NAME_BYTES, replaced, write_bytes, write_image
+from link.images import MAX_NAME_BYTES, write_bytes, write_image
 from link.images.video import write_video
 from link.loop import Loop
 from link.types import Image
@@ -102,10 +102,9 @@ def write_loop(
         elif kind == ".html":
             write_player(out, loop, state_hz, flicker)
         elif kind:
-            with replaced(out, kind) as whole:
-                write_video(whole, states, state_hz)
-                if film is not None:
-                    add_sound(whole, film, 2 * loop.n_pictures / state_hz)
+            write_video(out, states, state_hz)
+            if film is not None:
+                add_sound(out, film, 2 * loop.n_pictures / state_hz)
         else:
             place = Path(os.path.realpath(out))
             with lent_folder(place, out) as folder:
