@@ -17,6 +17,7 @@ import numpy as np
 
 from link.errors import InputError, ParameterError
 from link.images import write_bytes
+from link.images.video import VideoReader
 from link.loop import Loop
 from link.placement import Placement
 from link.ratex import draw_patches
@@ -44,6 +45,8 @@ PLAYED = {
 """By the ending of a video's name its type, where browsers play such videos by themselves."""
 PART_BYTES = 3 * 2**23
 """Size of the parts of a film that lies beside its page."""
+LARGEST_MEGAPIXELS = 1e6
+"""Limit of a film's pixels, in millions, where its first picture has passed the usual one."""
 MOST_BLOCK_PIXELS = 2**14 - 1
 """Largest number of pixels of a block whose light a page adds up in whole numbers of 32 bits."""
 MAX_DECODED_BYTES = 2**30
@@ -137,6 +140,7 @@ def write_film_player(
     left, top, wide, tall = window_of(width, height, loop.placement)
     if loop.even and wide * tall > MOST_BLOCK_PIXELS * layout.rows * layout.cols:
         raise InputError(f"{film}: its blocks are too large to even them out; use --no-even")
+    VideoReader(film, LARGEST_MEGAPIXELS).check_end()
     size = film.stat().st_size
     if size > MAX_FILM_BYTES:
         most = f"{MAX_FILM_BYTES >> 20} MiB"

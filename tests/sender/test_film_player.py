@@ -153,3 +153,7 @@ def test_films_that_a_player_does_not_take_are_refused_in_one_line(
     cut = tmp_path / "cut.webm"
     cut.write_bytes(film.read_bytes()[:200])
     refuses("sender.__main__", line.replace("film.webm", "cut.webm"), "cut.webm")
+    cut.write_bytes(film.read_bytes()[: film.stat().st_size // 3])
+    monkeypatch.setattr(player_module, "MAX_FILM_BYTES", 2**31)
+    line = line.replace("film.webm", "cut.webm")
+    refuses("sender.__main__", line, "the video breaks off before the 2.0 s", began=True)
