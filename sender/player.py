@@ -45,6 +45,8 @@ PLAYED = {
 """By the ending of a video's name its type, where browsers play such videos by themselves."""
 PART_BYTES = 3 * 2**23
 """Size of the parts of a film that lies beside its page."""
+SCRIPTS = "script-src 'unsafe-inline'"
+"""What the page's policy says of scripts; one with parts of a film loads those beside it, too."""
 LARGEST_MEGAPIXELS = 1e6
 """Limit of a film's pixels, in millions, where its first picture has passed the usual one."""
 MOST_BLOCK_PIXELS = 2**14 - 1
@@ -203,5 +205,8 @@ def _write_page(
         **more,
     }
     text = f">{json.dumps(page, separators=(',', ':'))}<"
-    text = TEMPLATE.read_text("utf-8").replace(PLACE, text)
+    template = TEMPLATE.read_text("utf-8")
+    if "parts" in more.get("film", {}):
+        template = template.replace(SCRIPTS, f"{SCRIPTS} 'self' file:", 1)
+    text = template.replace(PLACE, text)
     write_bytes(path, text.encode())

@@ -135,6 +135,7 @@ def test_a_film_lies_in_the_page_or_in_scripts_beside_it(
     parts = sorted(file.name for file in out.iterdir() if file.suffix == ".js")
     assert parts == [f"player.film-{n:02d}.js" for n in range(len(parts))]
     assert (len(parts) > 2) == (place == "beside")
+    assert ("'self' file:" in (out / "player.html").read_text()) == (place == "beside")
     page = open_window(512, 384)
     page.goto((out / "player.html").as_uri())
     wait_for(page, "window.player && player.ready")

@@ -343,7 +343,8 @@ def test_a_player_holds_each_picture_once(tmp_path: Path, send: Send) -> None:
     assert loop["bits"] == ["".join(map(str, bits)) for bits in SENT.tolist()]
     assert (loop["rows"], loop["cols"], loop["kappa"]) == (5, 6, 3)
     text = out.read_text()
-    policy = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+    policy = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; "
+    policy += "media-src blob:"
     assert f'content="{policy}"' in text
     assert "http" not in re.sub(r"http-equiv", "", text)
     assert not re.search(r"(?:src|href)=|@import|url\(|innerHTML", text)
