@@ -7,6 +7,7 @@ from pathlib import Path
 from data_gen.film.codec import through_codec
 from data_gen.film.message import FilmSettings, Take, film_message
 from data_gen.frame_pair import Cell
+from data_gen.pictures.carriers import STILL, check_carriers
 from export.film_graph import FilmGraph
 from export.runtime import OWN_TIME_LIMIT_S, Decoder
 from link.errors import InputError, ParameterError, choose
@@ -28,20 +29,27 @@ FILM_BYTES = 2000
 def film_settings(name: str) -> FilmSettings:
     """Read what is shown and filmed: "PRESET", or "PRESET:FPS" for a camera of that rate.
 
+    "PRESET:FPS:CARRIERS" says what carries the message, too, as `FilmSettings.carriers` does: a
+    still picture where it is absent.
+
     Raises:
-        InputError: there is no such preset, its films are not read as windows, or the rate is no
-            number; the message names the presets.
+        InputError: there is no such preset, its films are not read as windows, the rate is no
+            number, or there are no such carriers; the message names the presets or carriers.
 
     >>> film_settings("hidden:60").fps, film_settings("robust").state_hz
     (60.0, 15.0)
     """
-    preset_name, _, rate = name.partition(":")
+    preset_name, _, rest = name.partition(":")
+    rate, _, carriers = rest.partition(":")
+    check_carriers(carriers := carriers or STILL)
     films = {key: preset for key, preset in PRESETS.items() if reads_films(preset.layout)}
     preset = choose(films, preset_name, "films")
     try:
         fps = float(rate or USUAL_FPS)
     except ValueError:
-        raise ParameterError("films", f"need PRESET or PRESET:FPS, got {name!r}") from None
+        raise ParameterError(
+            "films", f"need PRESET, PRESET:FPS or PRESET:FPS:CARRIERS, got {name!r}"
+        ) from None
     if not 1 <= fps <= 240:
         raise ParameterError("films", f"need 1 to 240 frames a second, got {fps:g}")
     return FilmSettings(
@@ -51,6 +59,7 @@ def film_settings(name: str) -> FilmSettings:
         fps=fps,
         n_bytes=FILM_BYTES,
         loops=20.0,
+        carriers=carriers,
     )
 
 

@@ -14,13 +14,19 @@ from data_gen.film.codec import CodecSettings
 from data_gen.film.frame import VideoFrame
 from data_gen.film.phone import PhoneSettings
 from data_gen.film.scenes import SceneSettings
-from data_gen.film.stream import VideoSettings, film
+from data_gen.film.stream import States, VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
+from data_gen.pictures.carriers import open_carrier
 from link.code.framing import encode
 from link.errors import choose
 from link.layout import Layout
-from link.loop import Loop, LoopStates
+from link.loop import Loop, LoopStates, MovingStates
 from link.presets import PRESETS
+
+IN_STEP = 0.5
+"""Share of films with a moving carrier of which both states of a frame pair show one picture, as
+where a program makes them. Of the others each state shows the picture of its own time, as where a
+browser's video element changes the picture when it likes."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +44,10 @@ class FilmSettings:
     """Number of frames that the camera takes a second."""
     n_bytes: int = 100
     """Length of the message, bytes."""
+    carriers: str = "still"
+    """What carries the message: "still" for a picture that stands still, "moving" for a film of a
+    scene that is drawn for each film anew, or the name of a scene (data_gen/pictures/moving.py) or
+    of a video file."""
     loops: float = 3.0
     """Number of loops of the message after which a run is given up."""
     coverage: tuple[float, float] = (0.15, 0.6)
@@ -111,7 +121,7 @@ class MessageFilm:
     take: Take
     """Setting, pair, view and number of the film."""
     picture: str
-    """Name of the picture that carries the message."""
+    """Name of the picture or of the film that carries the message."""
     message: bytes
     """Message that the display sends."""
     bits: NDArray[np.integer]
@@ -146,5 +156,13 @@ def film_message(take: Take) -> MessageFilm:
     scene = SceneSettings(config.size, coverage, pictures=pictures, free=0.03, outside=outside)
     settings = config.video(scene, config.loops * 2 * len(bits) / config.state_hz)
     pair, shown_layout = source.pair(take.pair), source.display_layout
-    frames = film(LoopStates(loop), shown_layout, pair, take.view, settings, rng)
-    return MessageFilm(take, picture.name, message, bits, frames)
+    states: States = LoopStates(loop)
+    name = picture.name
+    if config.carriers != "still":
+        carrier_rng = np.random.default_rng([take.seed, zlib.crc32(f"carrier {key}".encode())])
+        carrier = open_carrier(config.carriers, pictures, carrier_rng)
+        name = carrier.name
+        in_step = bool(carrier_rng.random() < IN_STEP)
+        states = MovingStates(loop, carrier, config.state_hz, in_step)
+    frames = film(states, shown_layout, pair, take.view, settings, rng)
+    return MessageFilm(take, name, message, bits, frames)
