@@ -6,11 +6,9 @@ Training then moves the constants that all films share (`models.film.decoder`), 
 of each window, towards fewer wrong bits. Held-out films tell in the end what it has changed.
 """
 
-import io
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -19,18 +17,18 @@ from tqdm import tqdm
 from data_gen.film.message import Take
 from data_gen.pairs import PAIRS, get_pair
 from export.to_onnx import export_film
-from link.errors import InputError, at_least
+from link.captures import KnownWindow, pack_windows, unpack_windows
+from link.errors import InputError, ParameterError, at_least
 from link.files.lock import locked
 from link.images import write_bytes
 from link.markdown import markdown_table
-from link.observation import Mixture, Observation
 from link.outside import is_file
 from models.film.decoder import FilmDecoder
 from models.film.methods import decode_film_with, load_film_decoder
 from models.film.training import Window, film_step
+from models.film.window import reads_films
 from models.phi.checkpoint import save_checkpoint, training_settings
 from models.phi.training import Start, check_rate
-from receiver.record import KnownWindow
 from reports.engine.backends import Backend, one_thread, run_tasks
 from reports.engine.records import write_lines
 from reports.films import FilmOf, film_settings
@@ -87,7 +85,7 @@ class Recording:
     def make(self) -> None:
         """Film, receive, and write the windows."""
         one_thread()
-        save_windows(self.file, self.film.windows())
+        write_bytes(self.file, pack_windows(windows_of(self.film)))
 
 
 def train_films(config: FilmTrainConfig) -> None:
@@ -114,7 +112,8 @@ def check(config: FilmTrainConfig) -> None:
     at_least(1, batch=config.batch, jobs=config.jobs)
     check_rate(config.lr)
     for name in config.filmed:
-        film_settings(name)
+        if not reads_films(film_settings(name).layout):
+            raise ParameterError("filmed", f"{name} is read by frame pairs; train without --films")
     if config.pair != "all":
         get_pair(config.pair)
 
@@ -154,33 +153,15 @@ def deal_out(config: FilmTrainConfig, split: str, folder: Path) -> list[Recordin
     return recordings
 
 
-def save_windows(file: Path, windows: list[KnownWindow]) -> None:
-    """Write windows of one layout to a file; gray levels become float16."""
-    arrays: dict[str, Any] = {}
-    for number, window in enumerate(windows):
-        seen, mixture = window.observation, window.observation.mixture
-        frames = np.stack(seen.frames).astype(np.float16)
-        parts = {"frames": frames, "seen": seen.blocks_seen, "bits": window.bits.astype(np.uint8)}
-        parts |= {"shares": mixture.shares, "pair": mixture.pair}
-        arrays |= {f"{name}_{number}": values for name, values in parts.items()}
-    packed = io.BytesIO()
-    np.savez(packed, count=len(windows), **arrays)
-    write_bytes(file, packed.getvalue())
+def windows_of(film: FilmOf) -> list[KnownWindow]:
+    """Film and receive: the kept windows."""
+    return [cut for cut in film.cuts() if isinstance(cut, KnownWindow)]
 
 
 def load_windows(recording: Recording) -> list[Window]:
     """Load the windows of a film, each with the (P, n_bits) bits that it shows."""
     layout = recording.film.take.settings.layout
-    windows = []
-    with np.load(recording.file, allow_pickle=False) as stored:
-        for number in range(int(stored["count"])):
-            frames, seen, bits, shares, pair = (
-                stored[f"{name}_{number}"] for name in ("frames", "seen", "bits", "shares", "pair")
-            )
-            mixture = Mixture(shares, pair, len(bits))
-            grays = tuple(frames.astype(np.float32))
-            windows.append((Observation(grays, layout, mixture, seen), bits))
-    return windows
+    return [(each.observation, each.bits) for each in unpack_windows(recording.file, layout)]
 
 
 def fit_constants(

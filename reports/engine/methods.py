@@ -13,6 +13,7 @@ from link.frames import SoftBits
 from link.layout import Layout
 from link.observation import Mixture, Observation
 from models import BlockDecoder, Card, find_card, make_decoder
+from models.film.window import reads_films
 from models.pairwise import decode_by_pairs
 
 
@@ -70,10 +71,10 @@ def methods_for(names: Sequence[str], checkpoint: Path | None = None) -> list[Me
     return methods
 
 
-def suited_to_films(
-    methods: Sequence[Method], layouts: Sequence[Layout]
-) -> tuple[list[Method], list[str]]:
-    """Find the methods that can decode windows of film of all layouts, by letting them decode one.
+def suited_to_films(methods: Sequence[Method], layout: Layout) -> tuple[list[Method], list[str]]:
+    """Find the methods that can decode films of a layout, by letting them decode a part of one.
+
+    This is a window of frames, or a frame pair where films are read by these.
 
     Returns:
         the methods that suit, and a line for each that is left out.
@@ -81,22 +82,23 @@ def suited_to_films(
     Raises:
         InputError: no method suits.
     """
-    suited, notes = list(methods), {}
-    for layout in layouts:
-        gray = np.full((layout.height, layout.width), 128, np.uint8)
-        shares = np.zeros((4, 1, layout.rows, layout.cols), np.float32)
-        shares[::2], shares[1::2] = -0.5, 0.5
-        mixture = Mixture(shares, np.array([[0], [0], [1], [1]]), 2)
-        trial = Observation((gray, gray, gray, gray), layout, mixture)
-        for method in tuple(suited):
-            try:
-                method.build().decode(trial)
-            except UnsuitedError as error:
-                suited.remove(method)
-                notes[method.label] = f"{method.label}: left out, {error}"
+    if not reads_films(layout):
+        return suited_methods([m for m in methods if m.card.frames != "window"], layout)
+    suited, notes = [], []
+    gray = np.full((layout.height, layout.width), 128, np.uint8)
+    shares = np.zeros((4, 1, layout.rows, layout.cols), np.float32)
+    shares[::2], shares[1::2] = -0.5, 0.5
+    mixture = Mixture(shares, np.array([[0], [0], [1], [1]]), 2)
+    trial = Observation((gray, gray, gray, gray), layout, mixture)
+    for method in methods:
+        try:
+            method.build().decode(trial)
+            suited.append(method)
+        except UnsuitedError as error:
+            notes.append(f"{method.label}: left out, {error}")
     if not suited:
-        raise InputError(f"no method suits these films; {'; '.join(notes.values())}")
-    return suited, list(notes.values())
+        raise InputError(f"no method suits these films; {'; '.join(notes)}")
+    return suited, notes
 
 
 def suited_methods(methods: Sequence[Method], layout: Layout) -> tuple[list[Method], list[str]]:

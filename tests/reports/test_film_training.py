@@ -6,14 +6,14 @@ import numpy as np
 
 from data_gen.film.message import Take
 from export.parity import synthetic_window
+from link.captures import KnownWindow, pack_windows
+from link.images import write_bytes
 from models.film.decoder import FilmDecoder
-from receiver.record import KnownWindow, shown_bits
 from reports.film_training import (
     FilmTrainConfig,
     Recording,
     fit_constants,
     load_windows,
-    save_windows,
     wrong_bits,
 )
 from reports.films import FilmOf, film_settings
@@ -25,7 +25,8 @@ def test_kept_windows_are_what_they_were_and_train_the_decoder(tmp_path: Path) -
     recording = Recording(
         FilmOf(Take(settings, "canon-lg", 0.0, 0, 0), 1.0), tmp_path / "window.npz"
     )
-    save_windows(recording.file, [KnownWindow(made.observation, made.bits)] * 2)
+    kept = [KnownWindow(made.observation, made.bits)] * 2
+    write_bytes(recording.file, pack_windows(kept))
     windows = load_windows(recording)
     assert [file.name for file in tmp_path.iterdir()] == ["window.npz"]
     assert len(windows) == 2
@@ -40,13 +41,3 @@ def test_kept_windows_are_what_they_were_and_train_the_decoder(tmp_path: Path) -
     assert any((new != old).any() for new, old in zip(module.parameters(), before, strict=True))
     # the pairs at both ends are seen in part; by chance half of all bits would be wrong
     assert wrong_bits(module, windows) < 0.4 * 2 * bits.size
-
-
-def test_a_part_of_the_loop_that_does_not_fit_is_no_truth() -> None:
-    rng = np.random.default_rng(1)
-    loop = rng.integers(0, 2, (12, 300))
-    scores = np.where(np.roll(loop, -5, axis=0)[:4] > 0, 1.0, -1.0)
-    found = shown_bits(scores, loop)
-    assert found is not None
-    np.testing.assert_array_equal(found, loop[5:9])
-    assert shown_bits(rng.normal(size=(4, 300)), loop) is None
