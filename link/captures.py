@@ -278,7 +278,7 @@ def _meta(entry: dict[str, Any]) -> dict[str, Any]:
     for key in ("pair", "picture", "film"):
         if not isinstance(meta.get(key, ""), str):
             raise InputError(f"{key} must be text, got {meta[key]!r:.60}")
-    for key in ("view_deg", "time_s"):
+    for key in ("view_deg", "time_s", "end_s"):
         number = meta.get(key)
         if number is not None and (type(number) not in (int, float) or not np.isfinite(number)):
             raise InputError(f"{key} must be a finite number, got {number!r:.60}")

@@ -91,7 +91,9 @@ class Cut:
             bits = bits.copy()
             if not ends and len(bits) > 3:
                 bits[[0, -1]] = -1
-            return [KnownWindow(self.window, bits, None, {"time_s": round(self.begin_s, 3)})]
+            meta: dict[str, object] = {"time_s": round(self.begin_s, 3)}
+            meta["end_s"] = round(self.end_s, 3)
+            return [KnownWindow(self.window, bits, None, meta)]
         return [_still(self.layout, pair, own) for pair, own in zip(self.pairs, bits, strict=True)]
 
 

@@ -29,8 +29,8 @@ class Match:
     """What successive frame pairs show of a loop."""
 
     kind: Literal["fits", "jumps", "other", "unclear"]
-    """Whether a part of the loop fits, or two parts do, or none does though the bits were read
-    surely, or none because they were not."""
+    """Whether a part of the loop fits all frame pairs, or not some of them, though a part fits
+    most; or none does though the bits were read surely, or none because they were not."""
     bits: NDArray[np.integer]
     """(P, n_bits) bits of the part that fits best."""
     place: int
@@ -60,12 +60,14 @@ def match_loop(scores: Array, loop: NDArray[np.integer], place: int | None = Non
     total = wrong.sum(0)
     best = int(total.argmin()) if place is None else place % len(loop)
     bits = np.asarray(loop[(rows + best) % len(loop)])
-    read = max(counted.sum(), 1.0)
-    expected = (1 / (1 + np.exp(np.minimum(np.abs(scores), 700))))[decided != 0]
-    if total[best] > MOST_UNLIKE * read or not counted.any():
-        sure = expected.size > 0 and float(expected.mean()) <= SURE
+    # (P,) wrong bits that the decoder expects of each frame pair
+    expected = (np.abs(decided) / (1 + np.exp(np.minimum(np.abs(scores), 700)))).sum(1)
+    if total[best] > MOST_UNLIKE * counted.sum() or not counted.any():
+        sure = counted.sum() > 0 and expected.sum() <= SURE * counted.sum()
         return Match("other" if sure else "unclear", bits, best)
-    return Match("jumps" if _jumps(wrong, counted, best) else "fits", bits, best)
+    strange = (wrong[:, best] > MOST_UNLIKE * counted) & (expected <= SURE * counted)
+    jumps = bool((strange & (counted > 0)).any()) or _jumps(wrong, counted, best)
+    return Match("jumps" if jumps else "fits", bits, best)
 
 
 def _jumps(wrong: Array, counted: Array, best: int) -> bool:

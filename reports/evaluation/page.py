@@ -3,6 +3,7 @@
 import base64
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 from markupsafe import Markup
@@ -12,6 +13,7 @@ from link.files.lock import locked
 from link.images import write_bytes
 from link.outside import inside, is_file, read_bounded
 from models import DECODERS
+from reports.captured.evidence import FilmEvidence
 from reports.evaluation import exhibits
 from reports.evaluation.findings import (
     REFERENCES,
@@ -47,6 +49,7 @@ from reports.score.reliability import ALL, Curves, reliability_curves
 SECTIONS = {
     "glance": "At a glance",
     "summary": "Summary",
+    "films": "Films",
     "paper": "The paper’s tables",
     "sweeps": "Sweeps",
     "reliability": "Reliability",
@@ -59,6 +62,8 @@ SECTIONS = {
 }
 """Titles of the report's sections by anchor, in the order of the page; those that a run has nothing
 for are left out."""
+MOST_FILMS = 6
+"""Largest number of films that the page draws one by one."""
 MAIN, SWEPT = "main comparison", "all sweeps"
 """Names of the two conditions whose reliability the page shows."""
 
@@ -96,6 +101,7 @@ def report_page(run: Run) -> str:
     kinds = {story.kind for story in run.stories}
     cost = exhibits.cost_table(run.cost) if run.cost else None
     filled: dict[str, object] = {
+        "films": run.films,
         "paper": paper,
         "sweeps": sweeps,
         "reliability": curves,
@@ -118,6 +124,7 @@ def report_page(run: Run) -> str:
         well_read=WELL_READ,
         min_frames=MIN_FRAMES,
         far=FAR,
+        films=film_exhibits(run.films) if run.films else None,
         paper=paper,
         sweeps=sweeps,
         reliability=calibration_table(curves) if curves else None,
@@ -136,6 +143,30 @@ def summary_chart(ranked: Sequence[Standing]) -> Markup:
     """The accuracy of each method as dots."""
     figure = exhibits.summary_figure(ranked)
     return to_svg(figure, "Accuracy of each method with its interval")
+
+
+def film_exhibits(films: FilmEvidence) -> dict[str, Any]:
+    """Tables and charts of films, by the names that the template has for them."""
+    names = list(dict.fromkeys(entry.film for entry in films.times))[:MOST_FILMS]
+    found = [film for film in films.seen if film.places]
+    times = [(name, [entry for entry in films.times if entry.film == name]) for name in names]
+    return {
+        "told": exhibits.told_table(films.told),
+        "seen": exhibits.seen_table(films.seen) if found else None,
+        "times": [
+            (name, to_svg(exhibits.wrong_bits_figure(mine, "seconds"), f"Over time, {name}"))
+            for name, mine in times
+            if len({entry.value for entry in mine}) > 1
+        ],
+        "levels": to_svg(
+            exhibits.wrong_bits_figure(films.levels, "captured gray level"), "By gray level"
+        ),
+        "places": [
+            (film.film, to_svg(exhibits.places_figure(film), f"Display in {film.film}"))
+            for film in found[:MOST_FILMS]
+        ],
+        "maps": films.maps,
+    }
 
 
 def shown_settings(run: Run) -> dict[str, object]:
