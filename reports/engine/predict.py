@@ -7,7 +7,7 @@ no other method its results.
 """
 
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import singledispatch
 from pathlib import Path
@@ -371,7 +371,11 @@ def captures_mark(method: Method, entry: dict[str, Any], layout: Layout) -> str:
 
 
 def decode_captures(
-    captures: Path, methods: Sequence[Method], file: Path, backend: Backend
+    captures: Path,
+    methods: Sequence[Method],
+    file: Path,
+    backend: Backend,
+    only: Collection[int] | None = None,
 ) -> tuple[pd.DataFrame, list[str]]:
     """Decode a folder of captures, and store the predictions.
 
@@ -382,6 +386,7 @@ def decode_captures(
         methods: methods with different labels.
         file: takes the predictions.
         backend: where entries are decoded.
+        only: numbers of the entries that are decoded; None for all.
 
     Returns:
         the table of predictions, and a line for each method that was left out or does not suit.
@@ -389,12 +394,13 @@ def decode_captures(
     Raises:
         InputError: the folder or a capture is no good, or no method suits it.
     """
-    entries = read_manifest(captures)
+    every = read_manifest(captures)
+    entries = {at: entry for at, entry in enumerate(every) if only is None or at in only}
     part = file.with_name(f"{file.name}.part")
     stored = [*stored_predictions(file), *stored_predictions(part)]
     found = {(line["index"], line["method"], line["mark"]): line for line in stored}
     tasks, keys = [], []
-    for index, entry in enumerate(entries):
+    for index, entry in entries.items():
         layout = Layout.from_dict(entry["layout"])
         marks = {m.label: captures_mark(m, entry, layout) for m in methods}
         keys += [(index, label, mark) for label, mark in marks.items()]
@@ -420,7 +426,7 @@ def decode_captures(
         raise InputError(f"{captures}: no method fits; {'; '.join(notes.values())}")
     write_predictions(file, wanted)
     part.unlink()
-    if any(entry["layout"].get("ratex") and not entry.get("equalised") for entry in entries):
+    if any(entry["layout"].get("ratex") and not entry.get("equalised") for entry in every):
         notes.setdefault("hidden_ratex", "hidden_ratex: these pictures were not equalised for it")
     labels = {method.label for method in methods}
     return to_records(wanted), [note for label, note in notes.items() if label in labels]
