@@ -22,6 +22,7 @@ from link.errors import InputError, at_least, choose, each_once
 from link.files.lock import locked
 from models import DECODERS, OF_PAIRS
 from models.film.window import reads_films
+from reports.ablation.switches import ROWS, row_method
 from reports.captured.door import Recordings, open_recordings
 from reports.engine.backends import Backend, make_backend
 from reports.engine.methods import Method, methods_for, suited_methods
@@ -56,7 +57,11 @@ class EvaluateConfig(SourceFlags):
     """Gray levels added for a bit 1."""
     methods: tuple[str, ...] = OF_PAIRS
     """Decoders to compare, or "package.module:Class" for your own (docs/extend.md); by default
-    all that read frame pairs, or with --films all."""
+    all that read frame pairs, or all where films are decoded. Options stand behind the name, as in
+    oorc:C=0.1."""
+    ablation: bool = False
+    """Compare what each part of the learned decoder is worth in place of --methods: parts are added
+    to plain OORC, and removed from the full decoder (reports/ablation/switches.py)."""
     films: tuple[str, ...] = ()
     """Decode simulated films in place of frame pairs: PRESET or PRESET:FPS each, such as hidden:30;
     a window of each of --frames films a cell. Layout and kappa are the preset's."""
@@ -124,10 +129,12 @@ def main() -> None:
     if config.quick:
         config = replace(config, frames=min(config.frames, QUICK.frames))
     door = opened(config)
-    if config.methods == OF_PAIRS and are_windows(config, door):
+    if config.ablation and config.methods != OF_PAIRS:
+        raise InputError("--ablation: compares parts of one decoder; leave out --methods")
+    if config.methods == OF_PAIRS and not config.ablation and are_windows(config, door):
         config = replace(config, methods=tuple(DECODERS))
     comparisons, backend = checked_flags(config)
-    methods = apply_protocol(config.protocol, methods_for(config.methods, config.run))
+    methods = apply_protocol(config.protocol, chosen_methods(config))
     if door is not None:
         layouts = list(dict.fromkeys(sent.layout for _, sent in door.films))
     else:
@@ -158,6 +165,13 @@ def main() -> None:
             f"{len(failed)} cells failed, as listed above; the others are in {config.out}, and the "
             "same command tries the failed ones again"
         )
+
+
+def chosen_methods(config: EvaluateConfig) -> list[Method]:
+    """List the methods that --methods names, or the rows of the ablation."""
+    if config.ablation:
+        return [row_method(row, config.run) for row in (*ROWS, "learned")]
+    return methods_for(config.methods, config.run)
 
 
 def opened(config: EvaluateConfig) -> Recordings | None:

@@ -12,7 +12,7 @@ from link.cli import run_cli
 from link.errors import choose
 
 STUDIES = {
-    "ablation": ("lab.ablation.study", "which switch of the decoder pays, and where"),
+    "ablation": ("lab.ablation", "which switch of the decoder pays, and where"),
     "delivery": ("lab.films.delivery", "how often and how soon a message arrives from video"),
     "page": ("lab.films.page", "the receiver in the browser beside Python's"),
     "pilot_search": ("lab.films.pilot_search", "how often displays are found by their pilots"),

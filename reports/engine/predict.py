@@ -295,7 +295,8 @@ def fingerprint(source: ObservationSource, frames: int, method: Method) -> str:
     Processors are left out, and so are the names of the method and of the condition.
     """
     module = method.card.target.partition(":")[0]
-    options = [option for option in method.options if option[0] != "checkpoint"]
+    options: list[Any] = [option for option in method.options if option[0] != "checkpoint"]
+    options += ["by pairs"] * method.by_pairs
     return short_digest(
         repr((STORED_VERSION, source, frames, method.name, options)),
         code_digest(type(source).__module__, module),
@@ -360,7 +361,8 @@ def decode_entry(task: EntryTask) -> tuple[list[Line], dict[str, str]]:
 def captures_mark(method: Method, entry: dict[str, Any], layout: Layout) -> str:
     """First digits of the SHA-256 of all that decides a method's prediction of a capture."""
     module = method.card.target.partition(":")[0]
-    options = [option for option in method.options if option[0] != "checkpoint"]
+    options: list[Any] = [option for option in method.options if option[0] != "checkpoint"]
+    options += ["by pairs"] * method.by_pairs
     return short_digest(
         repr((STORED_VERSION, entry, method.name, options)),
         code_digest("link.captures", module),

@@ -13,6 +13,8 @@ from link.files.lock import locked
 from link.images import write_bytes
 from link.outside import inside, is_file, read_bounded
 from models import DECODERS
+from reports.ablation.page import ablation_figure, ablation_tables
+from reports.ablation.results import Ablation, compare_rows
 from reports.captured.evidence import FilmEvidence
 from reports.evaluation import exhibits
 from reports.evaluation.findings import (
@@ -49,6 +51,7 @@ from reports.score.reliability import ALL, Curves, reliability_curves
 SECTIONS = {
     "glance": "At a glance",
     "summary": "Summary",
+    "ablation": "Ablation",
     "films": "Films",
     "paper": "The paper’s tables",
     "sweeps": "Sweeps",
@@ -101,6 +104,7 @@ def report_page(run: Run) -> str:
     kinds = {story.kind for story in run.stories}
     cost = exhibits.cost_table(run.cost) if run.cost else None
     filled: dict[str, object] = {
+        "ablation": run.about.settings.get("ablation"),
         "films": run.films,
         "paper": paper,
         "sweeps": sweeps,
@@ -124,6 +128,7 @@ def report_page(run: Run) -> str:
         well_read=WELL_READ,
         min_frames=MIN_FRAMES,
         far=FAR,
+        ablation=ablation_exhibits(run) if run.about.settings.get("ablation") else None,
         films=film_exhibits(run.films) if run.films else None,
         paper=paper,
         sweeps=sweeps,
@@ -143,6 +148,15 @@ def summary_chart(ranked: Sequence[Standing]) -> Markup:
     """The accuracy of each method as dots."""
     figure = exhibits.summary_figure(ranked)
     return to_svg(figure, "Accuracy of each method with its interval")
+
+
+def ablation_exhibits(run: Run) -> tuple[Markup, list[Table]]:
+    """Draw and tabulate what each part of the decoder is worth."""
+    known = run.records[run.records["known"] > 0]
+    ablation = Ablation(*compare_rows(known, run.seed))
+    kind = "simulated captures" if run.simulated else "recorded captures"
+    figure = to_svg(ablation_figure(ablation, kind), "What each part is worth")
+    return figure, ablation_tables(ablation)
 
 
 def film_exhibits(films: FilmEvidence) -> dict[str, Any]:
