@@ -65,7 +65,7 @@ def ablation_figure(ablation: Ablation, kind: str = "simulated captures") -> Fig
         line[0].set_yticks(range(len(rows)), rows, fontsize=9)
         line[0].set_ylim(len(rows) - 0.5, -0.5)
         line[0].set_ylabel(f"less that of {reference}", fontsize=9)
-    label = f"difference in accuracy, points, paired 95 % interval ({kind})"
+    label = f"difference in accuracy, points,\npaired 95 % interval ({kind})"
     figure.supxlabel(label, fontsize=9)
     figure.tight_layout()
     return figure
@@ -94,7 +94,10 @@ def _switch_table(entries: Sequence[AblationEntry], title: str) -> Table:
     bits = {entry.condition: entry.bits for entry in entries}
     shown = [row for row in dict.fromkeys(entry.row for entry in entries) if row in rows]
     return Table(
-        [f"row, against {reference}", *(f"{name}, {count:,} bits" for name, count in bits.items())],
+        [
+            f"row, against {reference}",
+            *(f"{name or 'all'}, {count:,} bits" for name, count in bits.items()),
+        ],
         [[row, *(_error_cell(by_place[row, name], reference) for name in bits)] for row in shown],
         title,
     )

@@ -98,7 +98,7 @@ def _with_options(text: str) -> tuple[str, tuple[tuple[str, Any], ...]]:
     if not colon or "=" not in settings:
         return text, ()
     decoder = make_decoder(name)
-    names = [each.name for each in fields(decoder)] if is_dataclass(decoder) else []
+    names: list[str] = [each.name for each in fields(decoder)] if is_dataclass(decoder) else []
     options = []
     for setting in settings.split(","):
         key, _, value = setting.partition("=")

@@ -230,9 +230,10 @@ def test_a_film_is_evaluated_and_goes_on_where_it_was_cut_off(
     )
     filmed = film_message(Take(settings, "canon-lg", 10.0, 0, 0))
     frames = tmp_path / "film_10deg"
-    for number, frame in enumerate(through_codec(filmed.frames, settings.codec, settings.fps)):
-        if number == 90:
+    for frame in through_codec(filmed.frames, settings.codec, settings.fps):
+        if frame.time_s > 3:
             break
+        number = round(frame.time_s * settings.fps)  # frames that were lost are gaps
         write_image(frames / f"{number:03d}.png", frame.rgb)
     sent = Sent(settings.layout, settings.kappa, filmed.bits.astype(np.int64), "digest")
     monkeypatch.setattr("reports.captured.door.read_sent", lambda path: sent)
@@ -241,7 +242,7 @@ def test_a_film_is_evaluated_and_goes_on_where_it_was_cut_off(
     run += ["--methods", "naive", "oorc"]
     command(evaluate.main, *run)
     rows = json.loads((out / "metrics.json").read_text())["rows"]
-    assert {row["method"]: row["accuracy"] > 0.9 for row in rows} == {"naive": True, "oorc": True}
+    assert {row["method"]: row["accuracy"] > 0.75 for row in rows} == {"naive": True, "oorc": True}
     assert {(row["pair"], row["view_deg"]) for row in rows} == {("film_10deg", 10.0)}
     entries = read_manifest(out / "captures")
     assert all(entry["film"] == "film_10deg" for entry in entries)
