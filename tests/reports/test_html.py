@@ -215,6 +215,7 @@ def test_without_html_nothing_is_drawn(tmp_path: Path, command: Command) -> None
         "metrics.json",
         "metrics.csv",
         "predictions.jsonl",
+        "run.json",
         "tables.md",
     }
 
