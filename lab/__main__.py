@@ -12,7 +12,7 @@ from link.cli import run_cli
 from link.errors import choose
 
 STUDIES = {
-    "ablation": ("lab.ablation.study", "which switch of the decoder pays, and where"),
+    "ablation": ("lab.ablation", "which switch of the decoder pays, and where"),
     "pilot_search": ("lab.films.pilot_search", "how often displays are found by their pilots"),
     "rates": ("lab.films.rates", "how fast presets deliver a message"),
 }

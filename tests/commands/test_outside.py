@@ -14,7 +14,6 @@ from data_gen.effects import parse_settings
 from export.onnx_file import MAX_FIELDS, MAX_NODES
 from export.runtime import MAX_MEMORY_BYTES, MAX_MODEL_BYTES, TIME_LIMIT_S
 from export.watchdog import GRACE_S
-from lab.recorded import read_sent
 from link import cli, images, layout, outside
 from link.errors import InputError, ParameterError
 from link.images import read_image, size, write_bytes
@@ -23,6 +22,7 @@ from link.layout import Layout, make_layout
 from link.outside import inside, parse_json, read_bounded, read_json
 from models.phi.checkpoint import MAX_STATE_BYTES, MAX_WEIGHTS_BYTES
 from receiver.locate.find import locate
+from reports.captured.sent import read_settings
 from reports.engine.digest import ROOT
 from reports.run import RunFolder
 
@@ -190,10 +190,10 @@ DEEP = "[" * 10**5
 def test_what_was_sent_is_read_through_the_door(content: str, tmp_path: Path) -> None:
     file = tmp_path / "sent.json"
     file.write_text(f'{{"layout": {SENT_LAYOUT}, "kappa": 3, "frames": 4}}')
-    assert read_sent(tmp_path) == (make_layout(), 3)
+    assert read_settings(tmp_path) == (make_layout(), 3)
     file.write_text(content)
     with pytest.raises(InputError, match=r"^--sent: \S*sent.json is missing or damaged \(.*\); "):
-        read_sent(tmp_path)
+        read_settings(tmp_path)
 
 
 def test_the_page_on_security_states_the_limits_of_the_code() -> None:

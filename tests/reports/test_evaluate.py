@@ -457,3 +457,15 @@ def test_small_and_gray_frames_are_annotated_large_and_in_colour() -> None:
     picture = annotate(Observation.still(frame, frame, layout), decided(layout))
     assert picture.shape == (384, 3 * 512, 3)
     assert np.all(picture[:, :512] == 100)
+
+
+def test_runs_without_a_page_are_compared_and_shown_later(
+    evaluated: Path, tmp_path: Path, command: Command
+) -> None:
+    folder = tmp_path / "run"
+    command(evaluate.main, *TINY, "--jobs", 1, "--out", folder)
+    assert (folder / "run.json").is_file()
+    assert not (folder / "report.html").exists()
+    assert "0.00" in command(evaluate.main, "--compare", evaluated, folder).stdout
+    command(evaluate.main, "--report", folder)
+    assert (folder / "report.html").is_file()
