@@ -1,4 +1,4 @@
-"""Compare decoders: python evaluate.py --out DIR, or --quick, or --captures DIR.
+"""Compare decoders: python evaluate.py --out DIR, or --quick, or --captures FILM --sent PLAYER.
 
 Predict, score, render: every frame pair is decoded once to predictions.jsonl, which is scored to
 metrics.json and shown beside the paper's numbers in tables and in report.html. --report DIR builds
@@ -9,18 +9,21 @@ import os
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import tyro
 
 from data_gen.flags import SourceFlags
 from data_gen.frame_pair import shuffled_pictures
 from data_gen.pairs import PAIRS, pair_names
-from link.captures import read_layouts
+from link.captures import is_window, read_layouts, read_manifest
 from link.cli import check_flags, run_cli
 from link.errors import InputError, at_least, choose, each_once
 from link.files.lock import locked
 from models import DECODERS, OF_PAIRS
+from models.film.window import reads_films
+from reports.ablation.switches import ROWS, row_method
+from reports.captured.door import Recordings, open_recordings
 from reports.engine.backends import Backend, make_backend
 from reports.engine.methods import Method, methods_for, suited_methods
 from reports.engine.predict import Condition, paper_cells, predict
@@ -38,10 +41,13 @@ from reports.render.tables import cell_tables, summary_table
 from reports.run import PREDICTIONS, RunFolder
 from reports.score.accuracy import score
 
+CAPTURES = "captures"
+"""Name of the folder, in that of a run, of the captures that were cut from own recordings."""
+
 
 @dataclass(frozen=True)
 class EvaluateConfig(SourceFlags):
-    """The paper's protocol on simulated captures, or your own captures with --captures."""
+    """The paper's protocol on simulated captures, or your own recordings with --captures."""
 
     pairs: tuple[str, ...] = tuple(PAIRS)
     """Camera-display pairs, or "today" for all of data_gen/today.py."""
@@ -51,7 +57,11 @@ class EvaluateConfig(SourceFlags):
     """Gray levels added for a bit 1."""
     methods: tuple[str, ...] = OF_PAIRS
     """Decoders to compare, or "package.module:Class" for your own (docs/extend.md); by default
-    all that read frame pairs, or with --films all."""
+    all that read frame pairs, or all where films are decoded. Options stand behind the name, as in
+    oorc:C=0.1."""
+    ablation: bool = False
+    """Compare what each part of the learned decoder is worth in place of --methods: parts are added
+    to plain OORC, and removed from the full decoder (reports/ablation/switches.py)."""
     films: tuple[str, ...] = ()
     """Decode simulated films in place of frame pairs: PRESET or PRESET:FPS each, such as hidden:30;
     a window of each of --frames films a cell. Layout and kappa are the preset's."""
@@ -72,13 +82,26 @@ class EvaluateConfig(SourceFlags):
     settings that was cut off goes on there; a folder that holds another run is refused, and so is
     one that another process is writing."""
     html: bool = True
-    """Write report.html, and what it shows beside the predictions."""
+    """Write report.html, and what it shows beside the predictions; --report builds it later."""
     report: Path | None = None
     """Build the report of this finished run again, without decoding; other flags do not count."""
     compare: tuple[Path, Path] | None = None
     """Compare two finished runs on the same captures, the second against the first."""
     captures: Path | None = None
-    """Folder of captures, own or simulated, with a manifest.jsonl; replaces the simulation."""
+    """In place of the simulation a folder of captures with a manifest.jsonl; or, with --sent, a
+    film (a video, or a folder of its frames), a folder of several, or photographs."""
+    sent: Path | None = None
+    """With --captures: what the display showed, the player's .html, or the folder of states that
+    python -m sender wrote; for several films also a folder of these, named as the films."""
+    photos: bool = False
+    """With --sent: --captures holds photographs of all states, one of each, in order."""
+    camera: str | None = None
+    """With --sent: name of camera and display, by which tables group; the film's where absent."""
+    view: Annotated[float | None, tyro.conf.arg(name="view")] = None
+    """With --sent: angle between camera and the display's normal, degrees; where absent, what
+    stands before "deg" in the film's name."""
+    fps: float | None = None
+    """With --sent: frames a second of the films, in place of what they state."""
     run: Path | None = None
     """Checkpoint of the method "learned": by default the shipped one for the layout of each frame
     pair, trained on all pairs."""
@@ -105,25 +128,36 @@ def main() -> None:
     config = replace(config, pairs=pair_names(config.pairs))
     if config.quick:
         config = replace(config, frames=min(config.frames, QUICK.frames))
-    if config.films and config.methods == OF_PAIRS:
+    door = opened(config)
+    if config.ablation and config.methods != OF_PAIRS:
+        raise InputError("--ablation: compares parts of one decoder; leave out --methods")
+    if config.methods == OF_PAIRS and not config.ablation and are_windows(config, door):
         config = replace(config, methods=tuple(DECODERS))
     comparisons, backend = checked_flags(config)
-    methods = apply_protocol(config.protocol, methods_for(config.methods, config.run))
-    layouts = read_layouts(config.captures) if config.captures else [config.layout()]
+    methods = apply_protocol(config.protocol, chosen_methods(config))
+    if door is not None:
+        layouts = list(dict.fromkeys(sent.layout for _, sent in door.films))
+    else:
+        layouts = read_layouts(config.captures) if config.captures else [config.layout()]
     folder = RunFolder(config.out)
     with locked(config.out):
-        folder.claim(decisive_settings(config, methods, layouts))
+        settings = decisive_settings(config, methods, layouts)
+        folder.claim(settings | ({"recorded": door.digest} if door else {}))
         failed = []
         if config.films:
             failed = evaluate_films(comparisons, methods, folder, config.seed, backend)
         elif config.captures is None:
             failed = evaluate_simulated(config, comparisons[0], methods, folder, backend)
         else:
-            evaluate_folder(config.captures, methods, folder, config.seed, config.html)
-        if config.html and not config.films:
+            captures, notes = config.captures, []
+            if door is not None:
+                captures = config.out / CAPTURES
+                notes = door.record(captures)
+            evaluate_folder(captures, methods, folder, config.seed, backend, config.html, notes)
+            if config.show is not None:
+                write_annotated(captures, methods, config.show)
+        if config.html:
             print(f"written: {write_report(config.out)}")
-        if config.captures is not None and config.show is not None:
-            write_annotated(config.captures, methods, config.show)
     for line in failed:
         print(f"failed: {line}", file=sys.stderr)
     if failed:
@@ -131,6 +165,37 @@ def main() -> None:
             f"{len(failed)} cells failed, as listed above; the others are in {config.out}, and the "
             "same command tries the failed ones again"
         )
+
+
+def chosen_methods(config: EvaluateConfig) -> list[Method]:
+    """List the methods that --methods names, or the rows of the ablation."""
+    if config.ablation:
+        return [row_method(row, config.run) for row in (*ROWS, "learned")]
+    return methods_for(config.methods, config.run)
+
+
+def opened(config: EvaluateConfig) -> Recordings | None:
+    """Open own films or photographs, where --sent says what was shown."""
+    if config.captures is None or config.sent is None:
+        for flag in ("sent", "photos", "camera", "view", "fps"):
+            if getattr(config, flag) not in (None, False):
+                needed = "--captures and --sent" if flag != "sent" else "--captures"
+                raise InputError(f"--{flag}: is about own recordings, and needs {needed}")
+        return None
+    meta = {"pair": config.camera, "view_deg": config.view}
+    given = {key: value for key, value in meta.items() if value is not None}
+    return open_recordings(
+        config.captures, config.sent, photos=config.photos, meta=given, fps=config.fps
+    )
+
+
+def are_windows(config: EvaluateConfig, door: Recordings | None) -> bool:
+    """Tell whether windows of film are decoded, which more methods read than frame pairs."""
+    if door is not None:
+        return not door.photos and any(reads_films(sent.layout) for _, sent in door.films)
+    if config.captures is not None:
+        return any(map(is_window, read_manifest(config.captures)))
+    return bool(config.films)
 
 
 def evaluate_simulated(
@@ -166,7 +231,7 @@ def evaluate_simulated(
         with clock.time("cost"):
             run.write_cost()
         failed = failed + swept.failed
-        folder.finish(meta, clock.seconds, [*left_out, *failed])
+    folder.finish(meta, clock.seconds, [*left_out, *failed])
     return failed
 
 

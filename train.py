@@ -39,9 +39,10 @@ from models.phi.training import (
     initial_decoder,
     training_step,
 )
+from reports.captured.training_set import own_set
 from reports.engine.digest import code_digest
 from reports.engine.records import write_lines
-from reports.evaluation.trained import FinalTest, export_and_evaluate
+from reports.evaluation.trained import BEFORE, FinalTest, evaluate_own, export_and_evaluate
 from reports.film_training import FilmTrainConfig, train_films
 from reports.run import claim_folder
 
@@ -50,6 +51,10 @@ from reports.run import claim_folder
 class TrainConfig:
     """Train on one pair, or on all nine with --pair all; --films trains the decoder of films."""
 
+    captures: Path | None = None
+    """Train on own captures in place of simulated ones: a folder with a manifest.jsonl, such as the
+    one that evaluate.py --captures makes of own recordings; a third of the recordings is held out,
+    and measures the result. With --films these are windows of film."""
     pair: str = "canon-lg"
     """Camera and display, such as canon-lg, or "all"."""
     out: Path | None = None
@@ -110,10 +115,24 @@ def main() -> None:
     layouts = LAYOUTS[config.layouts]
     plan = EpisodePlan(config.episodes // len(layouts), config.kappas, config.max_view)
     test = FinalTest(config.pair, pairs, config.frames, config.seed, config.jobs)
+    own = None
+    if config.captures is not None:
+        own = own_set(config.captures, films=False, seed=config.seed)
+        layouts = (own.test[0].layout,)
     module = initial_decoder(layouts[0], config.decoder, config.start).to(config.device)
-    folder, settings = config.out or Path("runs") / config.pair, training_settings(config)
+    usual = "own" if own else config.pair
+    folder, settings = config.out or Path("runs") / usual, training_settings(config)
     with locked(folder):
         claim_folder(folder, settings, "train", UNDECISIVE)
+        save_checkpoint(folder / BEFORE, module.cpu(), {})
+        module.to(config.device)
+        if own is not None and config.captures is not None:
+            train(module, {layouts[0]: own.episodes()}, config, folder)
+            save_checkpoint(folder, module.cpu(), {"train": settings})
+            print(evaluate_own(module, config.captures, own, folder, settings))
+            print(f"written: {folder}/report.html")
+            (folder / STATE).unlink(missing_ok=True)
+            return
         episodes = {
             layout: simulate_episodes(
                 Source(layout, "train", config.seed), pairs, plan, config.jobs
@@ -123,6 +142,7 @@ def main() -> None:
         train(module, episodes, config, folder)
         save_checkpoint(folder, module.cpu(), {"train": settings})
         print(export_and_evaluate(module, layouts, test, folder, settings))
+        print(f"written: {folder}/report.html")
         (folder / STATE).unlink(missing_ok=True)
 
 

@@ -72,7 +72,8 @@ class SourceFlags(LayoutFlags):
     seed: int = 0
     """Seed of every random draw."""
     pictures: Path | None = None
-    """Folder with your own pictures, in place of the built-in ones."""
+    """Folder with your own pictures, in place of the built-in ones, or a video. Frame pairs show
+    pictures of it that are a second apart; films play it at its own rate."""
     without: tuple[str, ...] = ()
     """Effects of the channel to switch off, such as drift or moire (data_gen/effects.py)."""
     display_size: tuple[int, int] | None = None

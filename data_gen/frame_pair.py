@@ -54,7 +54,7 @@ class Source:
     pyramid_level: int = 0
     """Coarser pyramid level at which the message is added; 0 for plain blocks."""
     pictures: Path | None = None
-    """Folder of the user's own pictures, in place of the built-in ones of the split."""
+    """Folder or video of the user's own pictures, in place of the built-in ones of the split."""
     ratex_kappa: int | None = None
     """Number of gray levels by which ratex patches toggle; None for the message's kappa."""
     without: tuple[str, ...] = ()

@@ -22,9 +22,10 @@ from data_gen.film.codec import (
     write_film,
 )
 from data_gen.film.frame import VideoFrame
-from data_gen.film.stream import VideoSettings, film
+from data_gen.film.stream import States, VideoSettings, film
 from data_gen.flags import CellFlags
 from data_gen.frame_pair import shuffled_pictures
+from data_gen.pictures.carriers import STILL, check_carriers, open_carrier
 from link.cli import check_flags, run_cli
 from link.code.framing import encode
 from link.errors import ParameterError, choose
@@ -32,7 +33,8 @@ from link.files.lock import locked
 from link.files.together import written_together
 from link.images import write_bytes, write_image
 from link.images.video import write_video
-from link.loop import MAX_PAIRS, Loop, LoopStates
+from link.loop import MAX_PAIRS, Loop, LoopStates, MovingStates
+from link.outside import is_file
 from link.pilot_code import PLAIN
 from link.presets import PRESETS
 
@@ -65,6 +67,10 @@ class FilmConfig(CellFlags):
     """Gray levels of [0, 255] added where a bit is 1."""
     shown: int = 1
     """Pictures that the display shows in turn, a frame pair each; 1 for a static picture."""
+    carriers: str = STILL
+    """What carries the message: "still" for pictures that stand still, "moving" for a scene drawn
+    at random, or the name of a scene (data_gen/pictures/moving.py). A video that is given as
+    --pictures is played in place of it."""
     first: int = 3
     """Number of the first picture that the display shows; number 0 is a mostly black poster,
     which carries little."""
@@ -135,6 +141,9 @@ def main() -> None:
         raise ParameterError("seconds", f"need more than 0 and at most 3600, got {seconds:g}")
     codec = config.file_codec()
     pair, pictures = source.pair(cell.pair), shuffled_pictures(source)
+    played = config.pictures is not None and is_file(config.pictures)
+    carriers = str(config.pictures) if played else config.carriers
+    check_carriers(carriers)
     chosen = [pictures[(config.first + k) % len(pictures)].rgb for k in range(config.shown)]
     settings = replace(settings, scene=replace(settings.scene, pictures=pictures))
     message = config.message.encode()
@@ -145,7 +154,11 @@ def main() -> None:
     )
     name = f"film/{config.split}/{cell.pair}/{cell.view_deg:g}"
     rng = np.random.default_rng([config.seed, zlib.crc32(name.encode())])
-    stream = film(LoopStates(loop), source.display_layout, pair, cell.view_deg, settings, rng)
+    states: States = LoopStates(loop)
+    if carriers != STILL:
+        carrier = open_carrier(carriers, pictures, rng.spawn(1)[0])
+        states = MovingStates(loop, carrier, settings.state_hz)
+    stream = film(states, source.display_layout, pair, cell.view_deg, settings, rng)
     folder = config.out if config.out.suffix == "" else config.out.parent
     truth = folder / TRUTH if config.out.suffix == "" else config.out.with_suffix(".jsonl")
     lines: list[str] = []

@@ -12,12 +12,9 @@ from link.cli import run_cli
 from link.errors import choose
 
 STUDIES = {
-    "ablation": ("lab.ablation.study", "which switch of the decoder pays, and where"),
-    "delivery": ("lab.films.delivery", "how often and how soon a message arrives from video"),
-    "page": ("lab.films.page", "the receiver in the browser beside Python's"),
+    "ablation": ("lab.ablation", "which switch of the decoder pays, and where"),
     "pilot_search": ("lab.films.pilot_search", "how often displays are found by their pilots"),
     "rates": ("lab.films.rates", "how fast presets deliver a message"),
-    "visibility": ("lab.visibility", "how visible the presets and other settings are"),
 }
 """Module that holds each study as ``STUDY``, and the question that it answers, by its name."""
 

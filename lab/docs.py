@@ -15,22 +15,20 @@ from pathlib import Path
 
 import tyro
 
-from data_gen.frame_pair import Cell, FramePair, Source
+from data_gen.frame_pair import Source
 from data_gen.pairs import PAIRS
 from lab.__main__ import STUDIES, find_study
 from lab.docs_blocks import BLOCKS
 from lab.study import DOCS, keep_blocks, stored_results
 from link.cli import check_flags, run_cli
 from link.errors import InputError, at_least, choose
-from link.images import write_image
 from link.layout import make_layout
-from models import OF_PAIRS, PRETRAINED, make_decoder
+from models import OF_PAIRS, PRETRAINED
 from models.phi.config import FULL
 from reports.engine.backends import Backend
 from reports.engine.methods import Method, methods_for
 from reports.engine.predict import Condition, paper_cells, predict_all
 from reports.engine.provenance import provenance
-from reports.render.figures import overview, plot_inverse_responses
 from reports.render.tables import replace_block
 from reports.run import PREDICTIONS
 from reports.score.accuracy import score, write_scores
@@ -43,7 +41,6 @@ UNTRAINED = Method("phi", (("config", FULL),), "learned, untrained")
 
 STEPS = {
     "table": "",
-    "visibility": "lab visibility --keep",
     "ablation": "lab ablation --keep",
     "paper": "lab ablation --conditions paper --rows oorc full --frames 170 --label paper --keep",
 }
@@ -112,7 +109,7 @@ def main() -> None:
 
 
 def measure_table(config: ReadmeConfig) -> None:
-    """Decode the paper's 36 cells by every method into docs/metrics.json, and draw the pictures."""
+    """Decode the paper's 36 cells by every method into docs/metrics.json."""
     source = Source(make_layout(), "test", config.seed)
     methods = methods_for(OF_PAIRS, config.checkpoint)
     methods.insert(OF_PAIRS.index("learned"), UNTRAINED)
@@ -120,26 +117,6 @@ def measure_table(config: ReadmeConfig) -> None:
     file = Path("runs/readme") / PREDICTIONS
     records = predict_all([condition], methods, file, Backend(config.jobs))
     write_scores(METRICS, score(records), provenance(config.seed, simulated=True))
-    draw_pictures(source, config.checkpoint)
-
-
-def draw_pictures(source: Source, checkpoint: Path) -> None:
-    """Draw docs/overview.jpg and docs/inverse_response.png."""
-    learned = make_decoder("learned", checkpoint=checkpoint)
-    cell = Cell("canon-lg", 45.0, 3)
-    pairs = (FramePair(source, cell, index) for index in range(15))
-    chosen = next(pair for pair in pairs if pair.picture.name == "photo/astronaut/0")
-    soft = learned.decode(chosen.rectified)
-    picture = overview(chosen.displayed.original, chosen.captured, chosen.rectified, soft)
-    write_image(Path("docs/overview.jpg"), picture)
-    cases = {}
-    for name, view in (("canon-lg", 0.0), ("canon-lg", 45.0), ("canon-samsung", 45.0)):
-        pair = FramePair(source, Cell(name, view, 5), 0).rectified
-        decoders = {"oorc": make_decoder("oorc"), "learned": learned}
-        found = {method: decoder.decode(pair).head for method, decoder in decoders.items()}
-        heads = {method: head[: FULL.degree] for method, head in found.items() if head is not None}
-        cases[f"{name}, {view:g}°"] = (pair, heads)
-    plot_inverse_responses(Path("docs/inverse_response.png"), cases)
 
 
 if __name__ == "__main__":

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lab.ablation.results import AblationEntry
-from lab.ablation.study import STUDY as ABLATION
+from lab.ablation import STUDY as ABLATION
 from lab.study import Results, Study, stored_results
+from reports.ablation.results import AblationEntry
 from reports.render.tables import Table, percent, share_interval, summary_table
 from reports.score.accuracy import read_scores
 

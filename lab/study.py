@@ -31,7 +31,7 @@ from reports.engine.predict import Condition, predict_all
 from reports.engine.provenance import Making, commit, provenance
 from reports.engine.stored import resume
 from reports.render.charts import save_png
-from reports.render.tables import Table, write_blocks
+from reports.render.tables import write_blocks
 
 T = TypeVar("T")
 DOCS = Path("docs")
@@ -124,24 +124,6 @@ class Results(Generic[R]):
     study's ``flags``."""
     content: R
     """What was measured."""
-
-
-@dataclass(frozen=True)
-class Tables:
-    """Content of studies whose numbers nothing but their tables needs."""
-
-    tables: dict[str, list[Table]]
-    """Tables by the name of the page's marked block."""
-
-
-def blocks_of_tables(results: Mapping[str, Results[Tables]]) -> dict[str, str]:
-    """Show the tables of all results as Markdown, by the name of the page's marked block."""
-    blocks = [each.content.tables for each in results.values()]
-    return {
-        name: "\n\n".join(table.markdown() for table in tables)
-        for mine in blocks
-        for name, tables in mine.items()
-    }
 
 
 @dataclass(frozen=True)

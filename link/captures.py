@@ -1,10 +1,13 @@
-"""The Captures format: a folder of PNG files and a manifest with a line for each frame pair."""
+"""The Captures format: a folder, and a manifest of its frame pairs and windows of film."""
 
 import hashlib
+import io
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +19,15 @@ from link.frames import Captured
 from link.geometry import as_corners
 from link.images import read_image, write_bytes, write_image
 from link.layout import Layout
+from link.observation import Mixture, Observation
 from link.outside import inside, is_file, read_json_lines
 
 MANIFEST = "manifest.jsonl"
-"""Name of the file that lists the frame pairs of a folder, one JSON object a line."""
+"""Name of the file that lists what a folder holds, one JSON object a line."""
 KNOWN = {
     "original",
     "embedded",
+    "window",
     "layout",
     "corners",
     "corners_embedded",
@@ -34,63 +39,155 @@ KNOWN = {
 """Keys of a manifest line that the format defines; `link.frames.Captured.meta` takes all others."""
 
 
-def save_captures(folder: Path, captures: Iterator[Captured]) -> int:
-    """Write frame pairs as PNG files and the manifest; they appear once all are written.
+@dataclass(frozen=True)
+class KnownWindow:
+    """A window of film, and the bits that it shows."""
+
+    observation: Observation
+    """T frames of P frame pairs."""
+    bits: NDArray[np.integer]
+    """(P, n_bits) bits that were sent, 0 or 1, and -1 where one is not known."""
+    kappa: int | None = None
+    """Gray levels added where the bit is 1; None where they are not known."""
+    meta: dict[str, object] = field(default_factory=dict)
+    """Further keys of the manifest, such as pair, view_deg, film and time_s."""
+
+    @property
+    def layout(self) -> Layout:
+        """Layout that the window shows."""
+        return self.observation.layout
+
+
+def save_captures(folder: Path, captures: Iterable[Captured | KnownWindow]) -> int:
+    """Write frame pairs and windows, and the manifest; they appear once all are written.
 
     Args:
         folder: made if it is not there.
-        captures: the frame pairs.
+        captures: frame pairs, written as PNG files, and windows of film, as .npz files.
 
     Returns:
-        the number of frame pairs.
+        the number of frame pairs and windows.
 
     Raises:
-        InputError: the folder holds captures, or cannot be written; no picture is added to it.
+        InputError: the folder holds captures, or cannot be written; no file is added to it.
     """
     lines: list[str] = []
-    with written_together(folder, MANIFEST, folder.glob("[0-9]*_*.png")) as temporary:
+    with written_together(folder, MANIFEST, folder.glob("[0-9]*_*.[pn][np][gz]")) as temporary:
         for number, captured in enumerate(captures):
-            names = [f"{number:05d}_{kind}.png" for kind in ("original", "embedded")]
-            digest = hashlib.sha256()
-            for name, frame in zip(names, (captured.original, captured.embedded), strict=True):
-                write_image(temporary / name, frame)
-                digest.update((temporary / name).read_bytes())
-            entry: dict[str, Any] = {
-                "original": names[0],
-                "embedded": names[1],
-                "layout": captured.layout.to_dict(),
-                "corners": captured.corners.round(3).tolist(),
-                "corners_embedded": captured.corners_embedded.round(3).tolist(),
-            }
-            if captured.bits is not None:
-                entry["bits"] = [None if bit < 0 else int(bit) for bit in captured.bits]
+            if isinstance(captured, KnownWindow):
+                entry = _write_window(temporary, f"{number:05d}", captured)
+            else:
+                entry = _write_pair(temporary, f"{number:05d}", captured)
+            entry["layout"] = captured.layout.to_dict()
             if captured.kappa is not None:
                 entry["kappa"] = captured.kappa
-            if captured.ratex_kappa is not None:
-                entry["ratex_kappa"] = captured.ratex_kappa
-            lines.append(json.dumps({**entry, **captured.meta, "sha256": digest.hexdigest()}))
+            lines.append(json.dumps({**entry, **captured.meta}))
         write_bytes(temporary / MANIFEST, ("\n".join(lines) + "\n").encode())
     return len(lines)
+
+
+def _write_pair(folder: Path, stem: str, captured: Captured) -> dict[str, Any]:
+    """Write both frames of a pair; give its keys of the manifest."""
+    names = [f"{stem}_{kind}.png" for kind in ("original", "embedded")]
+    digest = hashlib.sha256()
+    for name, frame in zip(names, (captured.original, captured.embedded), strict=True):
+        write_image(folder / name, frame)
+        digest.update((folder / name).read_bytes())
+    entry: dict[str, Any] = {
+        "original": names[0],
+        "embedded": names[1],
+        "corners": captured.corners.round(3).tolist(),
+        "corners_embedded": captured.corners_embedded.round(3).tolist(),
+        "sha256": digest.hexdigest(),
+    }
+    if captured.bits is not None:
+        entry["bits"] = [None if bit < 0 else int(bit) for bit in captured.bits]
+    if captured.ratex_kappa is not None:
+        entry["ratex_kappa"] = captured.ratex_kappa
+    return entry
+
+
+def _write_window(folder: Path, stem: str, window: KnownWindow) -> dict[str, Any]:
+    """Write a window; give its keys of the manifest."""
+    name, data = f"{stem}_window.npz", pack_windows([window])
+    write_bytes(folder / name, data)
+    return {"window": name, "sha256": hashlib.sha256(data).hexdigest()}
+
+
+def pack_windows(windows: Sequence[KnownWindow]) -> bytes:
+    """Pack windows of one layout as the bytes of an .npz file; gray levels become float16."""
+    arrays: dict[str, Any] = {}
+    for number, window in enumerate(windows):
+        seen, mixture = window.observation, window.observation.mixture
+        frames = np.stack(seen.frames).astype(np.float16)
+        parts = {"frames": frames, "seen": seen.blocks_seen, "bits": window.bits.astype(np.int8)}
+        parts |= {"shares": mixture.shares, "pair": mixture.pair}
+        arrays |= {f"{name}_{number}": values for name, values in parts.items()}
+    packed = io.BytesIO()
+    np.savez(packed, count=len(windows), **arrays)
+    return packed.getvalue()
+
+
+def unpack_windows(file: Path, layout: Layout) -> list[KnownWindow]:
+    """Read the windows of a file that holds what `pack_windows` made.
+
+    Raises:
+        InputError: the file is missing or damaged, or its windows do not fit the layout.
+    """
+    try:
+        with np.load(file, allow_pickle=False) as stored:
+            return [_window(stored, number, layout) for number in range(int(stored["count"]))]
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+        raise InputError(f"{file}: is no window of film, or a damaged one ({error})") from None
+
+
+def _window(stored: Any, number: int, layout: Layout) -> KnownWindow:
+    frames, seen, bits, shares, pair = (
+        stored[f"{name}_{number}"] for name in ("frames", "seen", "bits", "shares", "pair")
+    )
+    grid = layout.rows, layout.cols
+    fits = frames.ndim == 3 and seen.shape == (len(frames), *grid) and pair.ndim == 2
+    fits = fits and shares.shape == (*pair.shape, *grid) and len(pair) == len(frames)
+    if not fits or bits.ndim != 2 or bits.shape[1] != layout.n_bits or not len(frames):
+        raise ValueError("its arrays do not fit the layout")
+    if not all(np.isfinite(values).all() for values in (frames, seen, shares)):
+        raise ValueError("it holds what is no number")
+    if pair.min() < -1 or pair.max() >= len(bits) or not np.isin(bits, (-1, 0, 1)).all():
+        raise ValueError("its bits are wrong")
+    mixture = Mixture(shares.astype(np.float32), pair.astype(np.int64), len(bits))
+    grays = tuple(frames.astype(np.float32))
+    observation = Observation(grays, layout, mixture, seen.astype(np.float32))
+    return KnownWindow(observation, bits.astype(np.int64))
+
+
+def is_window(entry: dict[str, Any]) -> bool:
+    """Tell whether an entry of a manifest is a window of film, and not a frame pair."""
+    return "window" in entry
 
 
 def read_manifest(folder: Path) -> list[dict[str, Any]]:
     """Read the manifest's entries, each checked to be a JSON object with the keys it needs.
 
     Raises:
-        InputError: no manifest, an empty one, a line that is not a frame pair, or a picture that
-            lies outside the folder.
+        InputError: no manifest, an empty one, a line that is neither frame pair nor window, or a
+            file that lies outside the folder.
     """
     file = folder / MANIFEST
     if not is_file(file):
-        raise InputError(f"{file}: not found; a folder of captures needs a {MANIFEST}")
+        raise InputError(
+            f"{file}: not found; a folder of captures needs a {MANIFEST}, and a film or "
+            "photographs need --sent, what was shown"
+        )
     entries: list[dict[str, Any]] = []
     for where, entry in read_json_lines(file):
         if not isinstance(entry, dict):
             raise InputError(f"{where}: need a JSON object, got {entry!r:.60}")
-        missing = {"original", "embedded", "layout", "corners"} - set(entry)
+        files = ("window",) if is_window(entry) else ("original", "embedded")
+        needed = {*files, "layout"} if is_window(entry) else {*files, "layout", "corners"}
+        missing = needed - set(entry)
         if missing:
             raise InputError(f"{where}: lacks {', '.join(sorted(missing))}")
-        for key in ("original", "embedded"):
+        for key in files:
             inside(folder, entry[key], f"{where}, {key}")
         entries.append(entry)
     if not entries:
@@ -109,8 +206,33 @@ def read_layouts(folder: Path) -> list[Layout]:
         try:
             found[Layout.from_dict(entry["layout"])] = None
         except InputError as error:
-            raise InputError(f"{folder / MANIFEST}, {entry['original']}: {error}") from None
+            name = entry.get("window") or entry["original"]
+            raise InputError(f"{folder / MANIFEST}, {name}: {error}") from None
     return list(found)
+
+
+def load_entry(folder: Path, entry: dict[str, Any]) -> Captured | KnownWindow:
+    """Read the frame pair or the window of one manifest entry.
+
+    Raises:
+        InputError: a file is missing, unreadable or outside the folder, differs from its sha256, or
+            a field is wrong.
+    """
+    if not is_window(entry):
+        return load_capture(folder, entry)
+    file = inside(folder, entry["window"], f"{folder / MANIFEST}, window")
+    if not is_file(file):
+        raise InputError(f"{file}: not found")
+    if entry.get("sha256", digest := hashlib.sha256(file.read_bytes()).hexdigest()) != digest:
+        raise InputError(f"{file}: differs from the manifest's sha256")
+    try:
+        windows = unpack_windows(file, Layout.from_dict(entry["layout"]))
+        if len(windows) != 1:
+            raise InputError(f"holds {len(windows)} windows; need one")
+        kappa, meta = _kappa(entry.get("kappa")), _meta(entry)
+    except InputError as error:
+        raise InputError(f"{folder / MANIFEST}, {file.name}: {error}") from None
+    return KnownWindow(windows[0].observation, windows[0].bits, kappa, meta)
 
 
 def load_capture(folder: Path, entry: dict[str, Any]) -> Captured:
@@ -153,12 +275,13 @@ def _kappa(value: Any, key: str = "kappa") -> int | None:
 def _meta(entry: dict[str, Any]) -> dict[str, Any]:
     """The further keys, those that tables are grouped by checked."""
     meta = {key: value for key, value in entry.items() if key not in KNOWN}
-    for key in ("pair", "picture"):
+    for key in ("pair", "picture", "film"):
         if not isinstance(meta.get(key, ""), str):
             raise InputError(f"{key} must be text, got {meta[key]!r:.60}")
-    view = meta.get("view_deg")
-    if view is not None and (type(view) not in (int, float) or not np.isfinite(view)):
-        raise InputError(f"view_deg must be a finite number, got {view!r:.60}")
+    for key in ("view_deg", "time_s", "end_s"):
+        number = meta.get(key)
+        if number is not None and (type(number) not in (int, float) or not np.isfinite(number)):
+            raise InputError(f"{key} must be a finite number, got {number!r:.60}")
     return meta
 
 

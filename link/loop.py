@@ -1,8 +1,9 @@
 """The loop that a display shows: a message and pictures become frame pairs, one at a time."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from itertools import islice
 from math import lcm
 from typing import Any
 
@@ -19,9 +20,14 @@ from link.strength import block_steps
 
 MAX_PAIRS = 4096
 """Largest number of frame pairs in a loop."""
+MOST_WHOLE = 256
+"""Largest number of frame pairs, some seconds of film, of what is written to hold whole loops and
+whole codes."""
 
 Pictures = Callable[[], Iterator[NDArray[np.uint8]]]
 """Pictures of any size, (H, W, 3) uint8, encoded RGB; each call begins with the first picture."""
+PictureAt = Callable[[float], NDArray[np.uint8]]
+"""Gives the picture that a film shows at a time in seconds, (H, W, 3) uint8, encoded RGB."""
 
 
 @dataclass
@@ -61,10 +67,12 @@ class Loop:
     even: bool = False
     """Whether blocks change by what makes all of them equally visible (`link.strength`), of which
     kappa is the least."""
+    moving: bool = False
+    """Whether each state has a picture of its own, as films have; else each frame pair has one."""
     given: int = 0
     """Number of frame pairs, known once `carriers` was taken to its end."""
     n_pictures: int = 0
-    """Number of pictures, known then as well."""
+    """Number of frame pairs that show every picture once, known then as well."""
 
     @cached_property
     def placement(self) -> Placement:
@@ -93,36 +101,62 @@ class Loop:
             InputError: a picture is no good, the loop is too long, or kappa, the bits or the
                 pyramid level do not fit the layout.
         """
-        last, laid, steps = None, None, None
-        for number, picture in enumerate(self._pictures()):
+        last = None
+        for number, (picture, after) in enumerate(self._pictures()):
             if number == MAX_PAIRS:
                 raise InputError(
                     f"a loop holds at most {MAX_PAIRS} frame pairs; "
                     "give fewer pictures or a shorter video"
                 )
-            if laid is None or picture is not last:
-                last, laid = picture, self.placement.grid_frame(picture, self.layout)
-                steps = block_steps(laid, self.shown_layout) if self.even else None
-            bits = self.bits[number % len(self.bits)]
-            yield Carrier(laid, bits, steps, bool(number % 2), self)
+            carrier = last = self.carrier(number, picture, last)
+            if after is not picture:
+                last = self.carrier(number, after, carrier)
+                carrier = replace(carrier, after=last)
+            yield carrier
         self.given = number + 1
+
+    def carrier(
+        self, number: int, picture: NDArray[np.uint8], before: "Carrier | None" = None
+    ) -> "Carrier":
+        """Say what the frame pair with a number is made of.
+
+        Args:
+            number: number of the pair, 0 or more, which chooses the bits.
+            picture: picture of any size that carries them.
+            before: another pair's, from which comes what is the same of the same picture.
+        """
+        if before is not None and before.given is picture:
+            laid, steps = before.picture, before.steps
+        else:
+            laid = self.placement.grid_frame(picture, self.layout)
+            steps = block_steps(laid, self.shown_layout) if self.even else None
+        bits = self.bits[number % len(self.bits)]
+        return Carrier(picture, laid, bits, steps, bool(number % 2), self)
 
     def states(self) -> Iterator[NDArray[np.uint8]]:
         """Give the frames of one loop as the display shows them one after another.
 
         Each is (height, width, 3) uint8, encoded RGB, of the display's size. The layout's code
-        says whether a pair's original or its embedded frame comes first; a loop that is shorter
-        than the code is given several times, so that the code is seen as a whole.
+        says whether a pair's original or its embedded frame comes first. The loop is given again
+        until the code is at its end, too, so that the code goes on where the states are played
+        over and over. Where that would take more than `MOST_WHOLE` pairs, the last time ends
+        early: receivers lose no more by a jump in the message than by a lost frame, and the clock
+        by a jump in the code.
 
         Raises:
             InputError: a picture is no good, the loop is too long, or kappa, the bits or the
                 pyramid level do not fit the layout.
         """
-        code, number = self.layout.code, 0
-        while number < code.period:
-            for carrier in self.carriers():
-                yield from self.display_frames(carrier.displayed())[:: code.sign(number)]
+        code, number, pairs = self.layout.code, 0, None
+        while number != pairs:
+            for carrier in islice(self.carriers(), pairs and pairs - number):
+                for frame in carrier.shown(code.sign(number)):
+                    yield self.placement.display_frame(frame, self.layout)
                 number += 1
+            if pairs is None:
+                whole = lcm(self.given, code.period)
+                least = -(-self.given // code.period) * code.period
+                pairs = whole if whole <= max(self.given, MOST_WHOLE) else least
 
     def display_frames(self, pair: Displayed) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """Lay both frames of a pair on the display, (height, width, 3) uint8 of its size."""
@@ -130,19 +164,24 @@ class Loop:
         original, embedded = (self.placement.display_frame(each, self.layout) for each in frames)
         return original, embedded
 
-    def _pictures(self) -> Iterator[NDArray[np.uint8]]:
-        """Every picture once, and then again until the message is whole."""
+    def _pictures(self) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.uint8]]]:
+        """Both pictures of each pair; every picture once, then again until the message is whole."""
         given = 0
-        for picture in self.pictures():
+        for pair in self._of_pairs():
             given += 1
-            yield picture
+            yield pair
         self.n_pictures = given
         while True:
-            for picture in self.pictures():
+            for pair in self._of_pairs():
                 if given % len(self.bits) == 0:
                     return
                 given += 1
-                yield picture
+                yield pair
+
+    def _of_pairs(self) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.uint8]]]:
+        pictures = self.pictures()
+        for picture in pictures:
+            yield picture, next(pictures, picture) if self.moving else picture
 
     def report(self, message_bytes: int, state_hz: float) -> dict[str, Any]:
         """Say what was sent, after all `carriers` were taken: counts, seconds and bit/s.
@@ -177,6 +216,43 @@ class Loop:
                 "turned": self.placement.turns(self.layout),
             },
         }
+
+
+class MovingStates:
+    """States by their number, of a display that plays a film without end and a loop's message.
+
+    >>> film = lambda time: np.full((48, 64, 3), 100 + int(10 * time), np.uint8)
+    >>> bits = np.ones((2, 16), np.uint8)
+    >>> loop = Loop(Layout(4, 4, 64, 48, ()), 3, bits, lambda: iter([film(0)]))
+    >>> states = MovingStates(loop, film, state_hz=10.0)
+    >>> int(states(4).max() - states(2).max()), int(states(5).max() - states(4).max())
+    (2, 4)
+
+    Args:
+        loop: message, layout, and how pictures lie on the display.
+        picture_at: the film.
+        state_hz: number of states a second.
+        in_step: whether both states of a frame pair show one picture; else each shows the one of
+            its own time.
+    """
+
+    def __init__(
+        self, loop: Loop, picture_at: PictureAt, state_hz: float, in_step: bool = False
+    ) -> None:
+        self._loop, self._picture_at, self._state_hz = loop, picture_at, state_hz
+        self._in_step = in_step
+        self._last: tuple[int, NDArray[np.uint8], Displayed] | None = None
+
+    def __call__(self, number: int) -> NDArray[np.uint8]:
+        """Give a state as it lies on the display, (height, width, 3) uint8."""
+        pair = number // 2
+        picture = self._picture_at((2 * pair if self._in_step else number) / self._state_hz)
+        if self._last is None or self._last[0] != pair or self._last[1] is not picture:
+            carrier = self._loop.carrier(pair, picture)
+            self._last = pair, picture, carrier.displayed()
+        shown, embedded = self._last[2], self._loop.layout.code.states_of(pair)[1] == number
+        frame = shown.embedded if embedded else shown.original
+        return self._loop.placement.display_frame(frame, self._loop.layout)
 
 
 class LoopStates:
@@ -216,6 +292,8 @@ class Carrier:
     A player needs no more than picture and bits, and so spares the time for pairs.
     """
 
+    given: NDArray[np.uint8]
+    """(H, W, 3) uint8, encoded RGB, as the loop's pictures have it."""
     picture: NDArray[np.uint8]
     """(height, width, 3) uint8, encoded RGB, as it lies on the display, of the loop's shown layout.
     """
@@ -227,9 +305,27 @@ class Carrier:
     """Whether the dither is turned, as in every second frame pair of a loop."""
     loop: Loop
     """The loop to which it belongs."""
+    after: "Carrier | None" = None
+    """What the pair would be made of if it showed the picture of its second state, where that is
+    another one; else None."""
+
+    def shown(self, sign: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        """Make both states, before they are turned, in the order in which they are shown.
+
+        Args:
+            sign: 1 where the original frame comes first, -1 where it comes last.
+
+        Raises:
+            InputError: as `displayed` does.
+        """
+        first = self.displayed()
+        second = first if self.after is None else self.after.displayed()
+        if sign > 0:
+            return first.original, second.embedded
+        return first.embedded, second.original
 
     def displayed(self) -> Displayed:
-        """Make both frames as the display shows them, before they are turned.
+        """Make both frames as the display shows them over one picture, before they are turned.
 
         Raises:
             InputError: kappa, the bits or the pyramid level do not fit the layout.

@@ -42,6 +42,8 @@ MASKING_SCALE, SIGNAL_EXPONENT = 10**-0.7954971, 2.2643552
 STILL_SENSITIVITY = 100.0
 """Contrast sensitivity s of the eye to still patterns of about a block's size, taken low: castleCSF
 has 100 to 200 at 1 cycle a degree and 10 to 100 cd/m²."""
+BLACK_LIGHT = 1e-3
+"""Light of black, of the display and the room, in units of white's."""
 UNCERTAINTY_BLOCKS = 1.5
 """Standard deviation, in blocks, over which texture masks: ColorVideoVDP blurs by 3 samples, two of
 which make half a period of a block's pattern."""
@@ -92,9 +94,8 @@ def masking(light: Array) -> Array:
     >>> float(masking(np.full((4, 4), 0.5)).max())
     1.0
     """
-    black = 1e-3  # of the display and the room, in units of white's light
     around = cv2.GaussianBlur(light, (0, 0), AROUND_BLOCKS, borderType=cv2.BORDER_REPLICATE)
-    contrast = np.abs(light - around) / (around + black)
+    contrast = np.abs(light - around) / (around + BLACK_LIGHT)
     contrast = cv2.GaussianBlur(contrast, (0, 0), UNCERTAINTY_BLOCKS)
     seen = MASKING_SCALE * STILL_SENSITIVITY * contrast
     return np.asarray((1 + MASKING_WEIGHT * seen**MASKING_EXPONENT) ** (1 / SIGNAL_EXPONENT))

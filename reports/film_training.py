@@ -6,9 +6,9 @@ Training then moves the constants that all films share (`models.film.decoder`), 
 of each window, towards fewer wrong bits. Held-out films tell in the end what it has changed.
 """
 
-import io
 import json
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,22 +19,29 @@ from tqdm import tqdm
 from data_gen.film.message import Take
 from data_gen.pairs import PAIRS, get_pair
 from export.to_onnx import export_film
-from link.errors import InputError, at_least
+from link.captures import KnownWindow, pack_windows, unpack_windows
+from link.errors import InputError, ParameterError, at_least
 from link.files.lock import locked
 from link.images import write_bytes
-from link.markdown import markdown_table
-from link.observation import Mixture, Observation
 from link.outside import is_file
 from models.film.decoder import FilmDecoder
 from models.film.methods import decode_film_with, load_film_decoder
 from models.film.training import Window, film_step
+from models.film.window import reads_films
 from models.phi.checkpoint import save_checkpoint, training_settings
 from models.phi.training import Start, check_rate
-from receiver.record import KnownWindow
+from reports.captured.training_set import own_set, windows_of
 from reports.engine.backends import Backend, one_thread, run_tasks
-from reports.engine.records import write_lines
+from reports.engine.records import (
+    to_line,
+    to_records,
+    truth_of,
+    write_lines,
+    write_predictions,
+)
+from reports.evaluation.trained import BEFORE, held_out_table, write_page
 from reports.films import FilmOf, film_settings
-from reports.run import claim_folder
+from reports.run import PREDICTIONS, claim_folder
 
 UNDECISIVE = ("jobs",)
 """Settings in which two runs of one folder may differ, because they decide no result."""
@@ -46,6 +53,9 @@ class FilmTrainConfig:
 
     films: bool = True
     """Train the film decoder; without it, train.py trains the decoder of frame pairs."""
+    captures: Path | None = None
+    """Train on windows of own films in place of simulated ones: a folder that evaluate.py
+    --captures has made of films; a third of them is held out, and measures the result."""
     pair: str = "all"
     """Camera and display, such as canon-lg, or "all"."""
     out: Path | None = None
@@ -87,25 +97,35 @@ class Recording:
     def make(self) -> None:
         """Film, receive, and write the windows."""
         one_thread()
-        save_windows(self.file, self.film.windows())
+        write_bytes(self.file, pack_windows(windows_of_film(self.film)))
 
 
 def train_films(config: FilmTrainConfig) -> None:
     """Film, train, write checkpoint and graph, and print what held-out films say."""
     check(config)
-    folder = config.out or Path("runs") / f"{config.pair}-films"
+    usual = f"{'own' if config.captures else config.pair}-films"
+    folder, settings = config.out or Path("runs") / usual, training_settings(config)
     with locked(folder):
-        claim_folder(folder, training_settings(config), "train --films", UNDECISIVE)
-        train, test = (recorded(config, split, folder) for split in ("train", "test"))
+        claim_folder(folder, settings, "train --films", UNDECISIVE)
+        if config.captures is None:
+            train, test = (recorded(config, split, folder) for split in ("train", "test"))
+        else:
+            own = own_set(config.captures, films=True, seed=config.seed)
+            train, test = windows_of(own.train), windows_of(own.test)
         module = load_film_decoder() if config.start == "shipped" else FilmDecoder()
-        before = wrong_bits(module, test)
-        log = fit_constants(module.train(), train, config)
+        lines = decoded(module, test, BEFORE)
+        log = fit_constants(module.train(), [(w.observation, w.bits) for w in train], config)
         write_bytes(folder / "log.jsonl", write_lines(log))
-        save_checkpoint(folder, module.eval(), {"train": training_settings(config)})
+        save_checkpoint(folder, module.eval(), {"train --films": settings})
         parity = export_film(module, folder / "film.onnx")
-        after = wrong_bits(module, test)
-        print(result_table(config, before, after, test))
+        lines += decoded(module, test, "film")
+        write_predictions(folder / PREDICTIONS, lines)
+        table = held_out_table(to_records(lines), "film")
+        simulated = config.captures is None
+        write_page(folder, to_records(lines), table, settings, config.seed, simulated=simulated)
+        print(table)
         print(json.dumps({"out": str(folder), **asdict(parity)}))
+        print(f"written: {folder}/report.html")
 
 
 def check(config: FilmTrainConfig) -> None:
@@ -114,12 +134,13 @@ def check(config: FilmTrainConfig) -> None:
     at_least(1, batch=config.batch, jobs=config.jobs)
     check_rate(config.lr)
     for name in config.filmed:
-        film_settings(name)
+        if not reads_films(film_settings(name).layout):
+            raise ParameterError("filmed", f"{name} is read by frame pairs; train without --films")
     if config.pair != "all":
         get_pair(config.pair)
 
 
-def recorded(config: FilmTrainConfig, split: str, folder: Path) -> list[Window]:
+def recorded(config: FilmTrainConfig, split: str, folder: Path) -> list[KnownWindow]:
     """Make the films of a split that are not there yet, and load the windows of all.
 
     Raises:
@@ -154,33 +175,17 @@ def deal_out(config: FilmTrainConfig, split: str, folder: Path) -> list[Recordin
     return recordings
 
 
-def save_windows(file: Path, windows: list[KnownWindow]) -> None:
-    """Write windows of one layout to a file; gray levels become float16."""
-    arrays: dict[str, Any] = {}
-    for number, window in enumerate(windows):
-        seen, mixture = window.observation, window.observation.mixture
-        frames = np.stack(seen.frames).astype(np.float16)
-        parts = {"frames": frames, "seen": seen.blocks_seen, "bits": window.bits.astype(np.uint8)}
-        parts |= {"shares": mixture.shares, "pair": mixture.pair}
-        arrays |= {f"{name}_{number}": values for name, values in parts.items()}
-    packed = io.BytesIO()
-    np.savez(packed, count=len(windows), **arrays)
-    write_bytes(file, packed.getvalue())
+def windows_of_film(film: FilmOf) -> list[KnownWindow]:
+    """Film and receive: the kept windows."""
+    return [cut for cut in film.cuts() if isinstance(cut, KnownWindow)]
 
 
-def load_windows(recording: Recording) -> list[Window]:
-    """Load the windows of a film, each with the (P, n_bits) bits that it shows."""
-    layout = recording.film.take.settings.layout
-    windows = []
-    with np.load(recording.file, allow_pickle=False) as stored:
-        for number in range(int(stored["count"])):
-            frames, seen, bits, shares, pair = (
-                stored[f"{name}_{number}"] for name in ("frames", "seen", "bits", "shares", "pair")
-            )
-            mixture = Mixture(shares, pair, len(bits))
-            grays = tuple(frames.astype(np.float32))
-            windows.append((Observation(grays, layout, mixture, seen), bits))
-    return windows
+def load_windows(recording: Recording) -> list[KnownWindow]:
+    """Load the windows of a film."""
+    take = recording.film.take
+    meta: dict[str, object] = {"pair": take.pair, "view_deg": take.view}
+    windows = unpack_windows(recording.file, take.settings.layout)
+    return [replace(each, kappa=take.settings.kappa, meta=meta) for each in windows]
 
 
 def fit_constants(
@@ -208,21 +213,12 @@ def fit_constants(
     return log
 
 
-def wrong_bits(module: FilmDecoder, windows: list[Window]) -> int:
-    """Count the bits of windows that a decoder reads wrongly."""
+def decoded(
+    module: FilmDecoder, windows: Sequence[KnownWindow], label: str
+) -> list[dict[str, Any]]:
+    """Decode windows; give a prediction of each, as `reports.engine.records` has them."""
     module.eval()
-    return sum(
-        int((decode_film_with(module, window).bits != bits.reshape(-1)).sum())
-        for window, bits in windows
-    )
-
-
-def result_table(config: FilmTrainConfig, before: int, after: int, windows: list[Window]) -> str:
-    """Tabulate what training changed on the held-out windows."""
-    total = sum(bits.size for _, bits in windows)
-    rows = [
-        [name, f"{100 * wrong / total:.2f}", str(total), str(len(windows))]
-        for name, wrong in ((f"{config.start}, before", before), ("trained", after))
+    return [
+        to_line(label, index, decode_film_with(module, window.observation), truth_of(window))
+        for index, window in enumerate(windows)
     ]
-    heads = ["film decoder", "wrong bits %", "bits", "windows"]
-    return f"Held-out films (simulated)\n\n{markdown_table(heads, rows)}\n"

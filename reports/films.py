@@ -1,23 +1,29 @@
-"""Simulated films as a receiver sees them: windows whose bits are known, for suite and training."""
+"""Simulated films as a receiver sees them, cut as own films are (`reports.captured.receive`).
+
+The comparison decodes what was cut, and the film decoder is trained on it.
+"""
 
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
+
 from data_gen.film.codec import through_codec
 from data_gen.film.message import FilmSettings, Take, film_message
 from data_gen.frame_pair import Cell
-from export.film_graph import FilmGraph
-from export.runtime import OWN_TIME_LIMIT_S, Decoder
+from data_gen.pictures.carriers import STILL, check_carriers
+from link.captures import KnownWindow
 from link.errors import InputError, ParameterError, choose
+from link.frames import Captured
 from link.layout import Layout
 from link.observation import Observation
 from link.presets import PRESETS
-from models import FILM_GRAPH, shipped_graphs
 from models.film.window import reads_films
-from receiver.record import KnownWindow, record_windows
+from reports.captured.receive import receive_film
+from reports.captured.truth import match_loop
 from reports.engine.predict import observe
-from reports.engine.records import Truth
+from reports.engine.records import Truth, truth_of
 
 USUAL_FPS = 30.0
 """Number of frames a second of the camera where none is named."""
@@ -28,20 +34,26 @@ FILM_BYTES = 2000
 def film_settings(name: str) -> FilmSettings:
     """Read what is shown and filmed: "PRESET", or "PRESET:FPS" for a camera of that rate.
 
+    "PRESET:FPS:CARRIERS" says what carries the message, too, as `FilmSettings.carriers` does: a
+    still picture where it is absent.
+
     Raises:
-        InputError: there is no such preset, its films are not read as windows, or the rate is no
-            number; the message names the presets.
+        InputError: there is no such preset, the rate is no number, or there are no such carriers;
+            the message names the presets or carriers.
 
     >>> film_settings("hidden:60").fps, film_settings("robust").state_hz
     (60.0, 15.0)
     """
-    preset_name, _, rate = name.partition(":")
-    films = {key: preset for key, preset in PRESETS.items() if reads_films(preset.layout)}
-    preset = choose(films, preset_name, "films")
+    preset_name, _, rest = name.partition(":")
+    rate, _, carriers = rest.partition(":")
+    check_carriers(carriers := carriers or STILL)
+    preset = choose(PRESETS, preset_name, "films")
     try:
         fps = float(rate or USUAL_FPS)
     except ValueError:
-        raise ParameterError("films", f"need PRESET or PRESET:FPS, got {name!r}") from None
+        raise ParameterError(
+            "films", f"need PRESET, PRESET:FPS or PRESET:FPS:CARRIERS, got {name!r}"
+        ) from None
     if not 1 <= fps <= 240:
         raise ParameterError("films", f"need 1 to 240 frames a second, got {fps:g}")
     return FilmSettings(
@@ -51,13 +63,8 @@ def film_settings(name: str) -> FilmSettings:
         fps=fps,
         n_bytes=FILM_BYTES,
         loops=20.0,
+        carriers=carriers,
     )
-
-
-@lru_cache(maxsize=4)
-def _decoders(layout: Layout) -> tuple[Decoder, FilmGraph]:
-    """Open the decoders that ship once in each process."""
-    return Decoder(shipped_graphs()[layout], 1, OWN_TIME_LIMIT_S), FilmGraph(FILM_GRAPH, 1)
 
 
 @dataclass(frozen=True)
@@ -71,8 +78,12 @@ class FilmOf:
     most: int = 3
     """Largest number of windows that are kept."""
 
-    def windows(self) -> list[KnownWindow]:
-        """Film and receive: the kept windows, none where the display was not found."""
+    def cuts(self) -> list[KnownWindow | Captured]:
+        """Film and receive: the kept windows, or all frame pairs where the layout is read by them.
+
+        What cannot be matched with the loop is left out; there is nothing where the display was
+        not found.
+        """
         settings = self.take.settings
         filmed = film_message(self.take)
         coded = through_codec(filmed.frames, settings.codec, settings.fps)
@@ -81,13 +92,20 @@ class FilmOf:
             if frame.time_s > self.seconds:
                 break
             frames.append((frame.rgb, frame.time_s))
-        decoders = _decoders(settings.layout)
-        return record_windows(frames, settings.fps, decoders, filmed.bits, self.most)
+        cuts = receive_film(frames, settings.fps, settings.layout, apart=False).cuts
+        if cuts and cuts[0].window is not None:
+            kept = np.unique(np.linspace(0, len(cuts) - 1, self.most).round().astype(int))
+            cuts = [cuts[at] for at in kept]
+        found: list[KnownWindow | Captured] = []
+        for cut in cuts:
+            match = match_loop(cut.scores, filmed.bits)
+            found += cut.known(match.bits, ends=True) if match.kind == "fits" else []
+        return found
 
 
 @dataclass(frozen=True)
 class FilmSource:
-    """Windows of simulated films, one of each film: `reports.engine.predict` decodes them."""
+    """Cuts of simulated films, which `reports.engine.predict` decodes."""
 
     settings: FilmSettings
     """What is shown, and how it is filmed."""
@@ -107,25 +125,32 @@ class FilmSource:
 
 
 TRIES = 5
-"""Number of films that are drawn for a window at most: a display may not be found in each."""
+"""Number of films that are drawn for an observation at most: a display may not be found in each."""
+PAIRS_A_FILM = 8
+"""Number of observations of each film of a layout that is read by frame pairs; of others, a film
+has one window."""
 
 
 @observe.register
 def _(source: FilmSource, cell: Cell, index: int, equalised: bool) -> tuple[Observation, Truth]:
-    """Give the last window of a film in which the receiver has found the display.
+    """Give the last window, or one of the last frame pairs, of a film whose display was found.
 
-    All methods get the same window, whatever pictures they would have the display show.
+    All methods get the same one, whatever pictures they would have the display show.
     """
-    window, picture = _window_of(source, cell, index)
-    bits = tuple(window.bits.reshape(-1).tolist())
-    return window.observation, Truth(cell.pair, cell.view_deg, cell.kappa, picture, bits)
+    each = 1 if reads_films(source.layout) else PAIRS_A_FILM
+    found, picture = _film(source, cell, index // each, each)
+    cut = found[index % each]
+    truth = Truth(cell.pair, cell.view_deg, cell.kappa, picture, truth_of(cut).bits)
+    return cut.observation if isinstance(cut, KnownWindow) else cut.rectified(), truth
 
 
 @lru_cache(maxsize=2)
-def _window_of(source: FilmSource, cell: Cell, index: int) -> tuple[KnownWindow, str]:
+def _film(
+    source: FilmSource, cell: Cell, index: int, least: int
+) -> tuple[list[KnownWindow | Captured], str]:
     seconds = source.seconds * max(1.0, 60 / source.settings.fps)
     for number in range(index * TRIES, (index + 1) * TRIES):
         take = Take(source.settings, cell.pair, cell.view_deg, number, source.seed, source.split)
-        if windows := FilmOf(take, seconds).windows():
-            return windows[-1], film_message(take).picture
+        if len(found := FilmOf(take, seconds).cuts()) >= least:
+            return found[-least:], film_message(take).picture
     raise InputError(f"the receiver found no display in {TRIES} films, number {index}")

@@ -8,6 +8,7 @@
 | *.jsonl.part | predictions of a run that is under way or was cut off (`reports.engine.predict`) |
 | stories.json, stories/ | single frame pairs as pictures |
 | response.json, cost.json | inverse responses that methods find, and their time |
+| films.json | what the receiver saw of films, and where bits are wrong |
 | run.json | command, versions, machine; its presence marks a finished run |
 | report.html | the page |
 """
@@ -26,6 +27,8 @@ from link.errors import InputError, ParameterError
 from link.files.lock import LOCK
 from link.images import make_folder, write_bytes
 from link.outside import inside, is_file, parse_json, read_json
+from reports.captured.door import FILMS
+from reports.captured.evidence import FilmEvidence
 from reports.engine.checked import Count, Number, checked
 from reports.engine.provenance import Machine, Making, commit, machine
 from reports.engine.records import read_predictions
@@ -196,6 +199,8 @@ class Run:
     """Responses that methods found; empty where they were not measured."""
     cost: Cost | None
     """Time that the methods take; None where it was not measured."""
+    films: FilmEvidence | None
+    """What was seen of films; None where none was received."""
 
     @property
     def seed(self) -> int:
@@ -310,6 +315,10 @@ class RunFolder:
         """Write response.json."""
         self._write("response.json", [asdict(response) for response in responses])
 
+    def write_films(self, films: FilmEvidence) -> None:
+        """Write films.json; the pictures lie in the folder already."""
+        self._write(FILMS, asdict(films))
+
     def write_cost(self, cost: Cost) -> None:
         """Write cost.json."""
         self._write("cost.json", asdict(cost))
@@ -359,9 +368,12 @@ class RunFolder:
                 stories=self._read_list("stories.json", Story),
                 responses=self._read_list("response.json", Response),
                 cost=self._read("cost.json", Cost) if is_file(self.path / "cost.json") else None,
+                films=self._read(FILMS, FilmEvidence) if is_file(self.path / FILMS) else None,
             )
             checked(Making, run.about.meta, "run.json, meta")
             checked(UsedCheckpoints, run.about.settings, "run.json, settings")
+            for _, picture in run.films.maps if run.films else ():
+                inside(self.path, picture, FILMS)
             for story in run.stories:
                 for picture, _ in story.pictures:
                     inside(self.path, picture, f"stories.json, {story.title:.60}")

@@ -8,6 +8,7 @@ import json
 import math
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,8 @@ from link.outside import read_bounded
 from link.placement import FITS
 from link.presets import DEFAULT_PRESET, PRESETS, Preset, least_camera_fps, needed_camera_fps
 from sender.hiding import Hiding, Onlooker
-from sender.pictures import note_coarse, open_pictures
+from sender.pictures import is_film, note_coarse, open_pictures
+from sender.player import PLAYED
 from sender.write import output_kind, write_loop
 
 GRID_FLAGS = ("rows", "cols", "width", "height", "ratex", "modulation", "pilots")
@@ -32,11 +34,6 @@ USUAL_REFRESH = 60.0
 """Refreshes of the display in a second where --refresh is absent."""
 SAME_RATE = 0.02
 """Share by which a rate may be slower than was asked for and still be it, as in player.html."""
-MOVING = (
-    "note: where the picture moves, displays with pilots are found some seconds later and read "
-    "less well than those with patches, which --preset paper shows"
-)
-"""What is said of several pictures on a layout with pilots (docs/receiver.md)."""
 NEEDED = "note: {:g} states a second need a camera of {:g} frames a second{}"
 """What is said of the camera that reads what was written."""
 BETTER = ", and one of {:g} reads them better; preset robust is for slow cameras"
@@ -188,6 +185,7 @@ def send_parser() -> Parser:
     parser = Parser(prog="python -m sender", description=main.__doc__)
     add, usual = parser.add_argument, Onlooker()
     add("pictures", type=Path, help="an image, a folder of images, or a video")
+    add("--seconds", type=float, help="for which each image of a folder stays (a frame pair)")
     add("--message", help="text to send")
     add("--file", type=Path, help="file to send, instead of --message")
     add("--key", type=Path, help="sign the message with this file, 16 to 4096 random bytes")
@@ -245,7 +243,7 @@ def main() -> None:
     onlooker = Onlooker(args.diagonal, args.luminance, distance)
     state_hz = states_per_second(preset.state_hz, args.hold, args.refresh, args.state_hz, kind)
     layout.code.check_rate(state_hz)
-    pictures = open_pictures(args.pictures, state_hz / 2, args.max_megapixels)
+    pictures = open_pictures(args.pictures, state_hz, args.max_megapixels, args.seconds)
     protected = protected_message(message, args.key, args.counter)
     given = "message" if args.file is None else "file"
     frames_needed(len(protected), layout.n_bits, given, args.redundancy)  # refuses what is too long
@@ -253,7 +251,13 @@ def main() -> None:
     fit = args.fit or ("cover" if args.size is None else "contain")
     even = preset.even if args.even is None else args.even
     even = even and layout.modulation == "antipodal" and not args.pyramid_level
-    loop = Loop(layout, preset.kappa, bits, pictures, args.pyramid_level, args.size, fit, even)
+    moving = is_film(args.pictures)
+    if kind == ".html" and moving and args.pictures.suffix.lower() in PLAYED:
+        first = next(pictures())  # the page makes the states of the others
+        pictures = partial(iter, [first])
+    loop = Loop(
+        layout, preset.kappa, bits, pictures, args.pyramid_level, args.size, fit, even, moving
+    )
     note_coarse(loop.placement.given_size, loop.placement.picture_size)
     hiding = Hiding(loop.shown_layout, state_hz, onlooker, even)
     loop.kappa = choose_kappa(preset.kappa, args.kappa, args.visibility, hiding)
@@ -267,14 +271,13 @@ def main() -> None:
         "visibility_block": round(hiding.seen(loop.kappa), 3),
         "visibility_screen": round(hiding.seen(loop.kappa, "screen"), 3),
     }
-    report = write_loop(loop, args.out, len(message), state_hz, flicker=flicker, more=more)
+    film = args.pictures if moving else None
+    report = write_loop(loop, args.out, len(message), state_hz, film, flicker=flicker, more=more)
     print(json.dumps({"out": str(args.out), **report}))
     better = BETTER.format(better_fps) if better_fps > camera_fps else ""
     print(NEEDED.format(state_hz, camera_fps, better), file=sys.stderr)
     if flicker:
         print(FLICKER[flicker].format(hiding.seen(loop.kappa)), file=sys.stderr)
-    if layout.pilots and loop.n_pictures > 1:
-        print(MOVING, file=sys.stderr)
 
 
 if __name__ == "__main__":

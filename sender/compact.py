@@ -28,12 +28,29 @@ from link.embed import (
 )
 from link.layout import Layout
 from link.ratex import draw_patches
+from link.strength import (
+    AROUND_BLOCKS,
+    BLACK_LIGHT,
+    EVEN,
+    EVEN_LIGHT,
+    LIGHT,
+    LUMINANCE_FROM_RGB,
+    MASKING_EXPONENT,
+    MASKING_SCALE,
+    MASKING_WEIGHT,
+    SIGNAL_EXPONENT,
+    STEPS_PER_OCTAVE,
+    STILL_SENSITIVITY,
+    UNCERTAINTY_BLOCKS,
+)
 from link.types import Image
 
 TILE = len(THRESHOLDS)
 """Number of pixels, along either axis, after which the dither repeats."""
 PACKING = 4
 """How hard arrays are packed, 0 to 9; a picture of 1920 x 1080 pixels takes some 0.2 s."""
+EMBEDDED_BYTES, MAX_FILM_BYTES = 2**26, 2**31
+"""Size of the largest film that a page holds, and of the largest that it plays at all."""
 TEMPLATE = Path(__file__).with_name("player.html")
 """Page of the player."""
 PLACE = ">null<"
@@ -113,6 +130,20 @@ class Compact:
             numbers[box] = still + (shown[1][box] - shown[0][box]) // self.kappa
         return numbers
 
+    def rooms(self, even: bool) -> NDArray[np.uint8]:
+        """Make (steps, 256) gray levels to which offsets are added, by step and level of a picture.
+
+        Args:
+            even: whether blocks have steps of strength; else there is one.
+        """
+        ramp = np.arange(256, dtype=np.uint8)[None]
+        strengths = levels_by_step(self.kappa) if even else [float(self.kappa)]
+        rooms = [
+            with_head_room(ramp, self.kappa, self.layout.modulation, np.full(ramp.shape, each))
+            for each in strengths
+        ]
+        return np.concatenate(rooms)
+
     @property
     def known(self) -> list[str]:
         """Bits that blocks show whatever the message is, row-major: one text for each frame pair.
@@ -145,6 +176,26 @@ class Compact:
         shown = with_head_room(picture, self.kappa, layout.modulation, levels)
         draw_patches(shown, layout, self.kappa, embedded=False)
         return shown
+
+
+def film_page(rule: Compact, even: bool) -> dict[str, Any]:
+    """Describe to a page, in JSON's types, how states follow from any picture of a film."""
+    known = {
+        "light": LIGHT.tolist(),
+        "levels": EVEN_LIGHT.tolist(),
+        "factors": list(EVEN.values()),
+        "shares": LUMINANCE_FROM_RGB.tolist(),
+        "around": AROUND_BLOCKS,
+        "uncertainty": UNCERTAINTY_BLOCKS,
+        "black": BLACK_LIGHT,
+        "weight": MASKING_WEIGHT,
+        "scale": MASKING_SCALE * STILL_SENSITIVITY,
+        "exponent": MASKING_EXPONENT,
+        "signal": SIGNAL_EXPONENT,
+        "per_octave": STEPS_PER_OCTAVE,
+    }
+    rooms = base64.b64encode(rule.rooms(even).tobytes()).decode()
+    return {"rooms": rooms, "even": known if even else None}
 
 
 def packed(array: NDArray[np.integer]) -> str:

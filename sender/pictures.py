@@ -3,34 +3,50 @@
 import sys
 from collections.abc import Iterator
 from functools import partial
-from itertools import chain
+from itertools import chain, repeat
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from link.errors import InputError
+from link.errors import InputError, ParameterError
 from link.images import IMAGE_SUFFIXES, image_files, read_picture
-from link.images.video import VideoReader, read_video
+from link.images.video import VideoReader
 from link.loop import Pictures
 from link.outside import is_file
 
+MAX_SECONDS = 3600.0
+"""Longest time for which an image of a folder may stay."""
+SAME_TIME = 1e-3
+"""Share of a state's time by which a frame may be late and still be shown by it."""
 COARSE = 2.0
 """Factor of enlargement from which on a picture's own pixels are seen, so that it is worth a note.
 """
 
 
-def open_pictures(source: Path, pair_hz: float, max_megapixels: float | None = None) -> Pictures:
+def is_film(source: Path) -> bool:
+    """Tell whether what `open_pictures` opens is a video, which has a picture for each state."""
+    return not source.is_dir() and source.suffix.lower() not in IMAGE_SUFFIXES
+
+
+def open_pictures(
+    source: Path,
+    state_hz: float,
+    max_megapixels: float | None = None,
+    seconds: float | None = None,
+) -> Pictures:
     """Open an image, a folder of images, or a video, whichever ``source`` is.
 
-    A folder gives its images by name, a video the frame that it would show at the time of each
-    frame pair, so that it keeps its speed.
+    An image is one picture, and a folder gives its images by name, one for each frame pair, or for
+    all frame pairs of some seconds. A video gives a picture for each state: the frame that it shows
+    at the state's time, so that it keeps its speed.
 
     Args:
         source: image file, folder of images (other files in it are passed over), or video file.
-        pair_hz: frame pairs shown in a second.
+        state_hz: states shown in a second.
         max_megapixels: largest number of pixels, in millions, of an image or a video's frame; see
             `link.images.pixel_limit`.
+        seconds: time for which each image of a folder stays; None for one frame pair.
 
     Raises:
         InputError: nothing there, or nothing readable; also later, when the stream gets there.
@@ -46,12 +62,20 @@ def open_pictures(source: Path, pair_hz: float, max_megapixels: float | None = N
 
     if not source.is_dir() and not is_file(source):
         raise InputError(f"{source}: no such image, folder or video; check the path")
-    if source.is_dir() or source.suffix.lower() in IMAGE_SUFFIXES:
+    if seconds is not None and not (source.is_dir() and 2 / state_hz <= seconds <= MAX_SECONDS):
+        raise ParameterError(
+            "seconds",
+            f"need a folder of images, and a frame pair to {MAX_SECONDS:g} s, got {seconds:g}",
+        )
+    if not is_film(source):
         first, *others = image_files(source) if source.is_dir() else [source]
         picture = read(first)  # once, however often it is shown
-        return lambda: chain([picture], map(read, others))
-    fps = VideoReader(source, max_megapixels).fps
-    return partial(_in_time, source, max_megapixels, 1.0 if fps is None else fps / pair_hz)
+        pairs = 1 if seconds is None else round(seconds * state_hz / 2)
+        return lambda: chain.from_iterable(
+            repeat(each, pairs) for each in chain([picture], map(read, others))
+        )
+    VideoReader(source, max_megapixels)  # refuses what is no video
+    return partial(_in_time, source, max_megapixels, state_hz)
 
 
 def note_coarse(given_size: tuple[int, int], shown_size: tuple[int, int]) -> None:
@@ -66,10 +90,21 @@ def note_coarse(given_size: tuple[int, int], shown_size: tuple[int, int]) -> Non
         )
 
 
-def _in_time(video: Path, max_megapixels: float | None, step: float) -> Iterator[NDArray[np.uint8]]:
-    """Give, of the frames 0, 1, 2, ..., the first at or after 0, step, 2 step, ..."""
-    given = 0
-    for number, frame in enumerate(read_video(video, max_megapixels)):
-        while number >= given * step:
+def _in_time(
+    video: Path, max_megapixels: float | None, state_hz: float
+) -> Iterator[NDArray[np.uint8]]:
+    """Give the frame that is shown at the time of each state, for whole frame pairs."""
+    reader = VideoReader(video, max_megapixels)
+    given, shown, begins = 0, None, 0.0
+    for frame in reader.timed_frames():
+        if shown is None:
+            shown, begins = frame.image, frame.time
+        while given < (frame.time - begins) * state_hz - SAME_TIME:
+            yield shown
             given += 1
-            yield frame
+        shown, ends = frame.image, frame.time - begins + 1 / reader.rate
+    if reader.broken_off is not None:
+        raise InputError(reader.broken_off)
+    while shown is not None and (given % 2 or given < ends * state_hz - SAME_TIME):
+        yield shown
+        given += 1

@@ -6,20 +6,51 @@ the change of its pixels where blocks have soft edges. It computes the states it
 shown, or where that is not exact by the processor, at the picture's own size.
 """
 
+import base64
 import json
 from collections.abc import Iterator
 from hashlib import sha256
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
-from link.errors import InputError
+import numpy as np
+
+from link.errors import InputError, ParameterError
 from link.images import write_bytes
+from link.images.video import VideoReader
 from link.loop import Loop
-from sender.compact import PLACE, TEMPLATE, Compact, packed, rule_page
+from link.placement import Placement
+from link.ratex import draw_patches
+from sender.compact import (
+    EMBEDDED_BYTES,
+    MAX_FILM_BYTES,
+    PLACE,
+    TEMPLATE,
+    Compact,
+    film_page,
+    packed,
+    rule_page,
+)
 
 T = TypeVar("T")
 BAR_AFTER_S = 2.0
 """Seconds of writing after which a bar shows how far it is."""
+PLAYED = {
+    ".mp4": "video/mp4",
+    ".m4v": "video/mp4",
+    ".mov": "video/mp4",
+    ".webm": "video/webm",
+    ".ogv": "video/ogg",
+}
+"""By the ending of a video's name its type, where browsers play such videos by themselves."""
+PART_BYTES = 3 * 2**23
+"""Size of the parts of a film that lies beside its page."""
+SCRIPTS = "script-src 'unsafe-inline'"
+"""What the page's policy says of scripts; one with parts of a film loads those beside it, too."""
+LARGEST_MEGAPIXELS = 1e6
+"""Limit of a film's pixels, in millions, where its first picture has passed the usual one."""
+MOST_BLOCK_PIXELS = 2**14 - 1
+"""Largest number of pixels of a block whose light a page adds up in whole numbers of 32 bits."""
 MAX_DECODED_BYTES = 2**30
 """Largest memory for pictures and changes as a browser holds them: 3 bytes for each pixel of a
 picture, and 1 byte for each pixel of a frame pair's soft changes."""
@@ -80,18 +111,102 @@ def write_player(path: Path, loop: Loop, state_hz: float, flicker: str = "") -> 
                 f"the player has more than {MAX_DECODED_BYTES >> 20} MiB of pixels; "
                 "write a video, or use fewer pictures or a smaller size"
             )
+    more = {"bits": bits, "pictures": pictures, "steps": steps, "shown": shown, "changes": changes}
+    _write_page(path, loop, rule, state_hz, flicker, more)
+
+
+def write_film_player(
+    path: Path, loop: Loop, film: Path, state_hz: float, flicker: str = ""
+) -> None:
+    """Write the player of a film, which works out all states from the film as it plays.
+
+    The page holds a film of up to `EMBEDDED_BYTES`. A larger one lies beside it, in scripts of the
+    page's name, as browsers give a page that is opened from a disk no other file.
+
+    Args:
+        path: the .html file.
+        loop: message and layout; its pictures show the film's size.
+        film: video file of a kind in `PLAYED`.
+        state_hz: states a second, as `write_player` takes them.
+        flicker: as `write_player` takes it.
+
+    Raises:
+        InputError: the film or what it would take is too large, blocks have soft edges, or a file
+            beside the page is there already or is not writable.
+    """
+    layout = loop.shown_layout
+    rule = Compact(layout, loop.kappa)
+    if loop.pyramid_level:
+        raise ParameterError("pyramid_level", "a film's player has hard edges; write a video")
+    width, height = loop.placement.given_size
+    left, top, wide, tall = window_of(width, height, loop.placement)
+    if loop.even and wide * tall > MOST_BLOCK_PIXELS * layout.rows * layout.cols:
+        raise InputError(f"{film}: its blocks are too large to even them out; use --no-even")
+    VideoReader(film, LARGEST_MEGAPIXELS).check_end()
+    size = film.stat().st_size
+    if size > MAX_FILM_BYTES:
+        most = f"{MAX_FILM_BYTES >> 20} MiB"
+        raise InputError(f"{film}: a player holds films of up to {most}; cut it or compress it")
+    black = np.zeros((layout.height, layout.width), np.uint8)
+    draw_patches(black, layout, loop.kappa, embedded=False)
+    page = {
+        **film_page(rule, loop.even),
+        "type": PLAYED[film.suffix.lower()],
+        "size": [width, height],
+        "view": [left, top, wide, tall],
+        "patches": packed(black) if layout.ratex else None,
+    }
+    if size <= EMBEDDED_BYTES:
+        page["data"] = base64.b64encode(film.read_bytes()).decode()
+    else:
+        page["parts"] = _write_parts(path, film)
+    bits = [(ord("0") + each.bits).tobytes().decode() for each in loop.carriers()]
+    more = {"bits": bits, "pictures": [], "steps": [None], "shown": [0] * len(bits), "changes": []}
+    _write_page(path, loop, rule, state_hz, flicker, {**more, "film": page})
+
+
+def window_of(width: int, height: int, placement: Placement) -> tuple[int, int, int, int]:
+    """Say which part of a picture is shown: left, top, width and height, in its pixels.
+
+    >>> window_of(200, 60, Placement((32, 24), "cover", (200, 60)))
+    (60, 0, 80, 60)
+    """
+    if placement.fit != "cover":
+        return 0, 0, width, height
+    scale = min(width / placement.display_size[0], height / placement.display_size[1])
+    wide, tall = (max(1, round(scale * side)) for side in placement.display_size)
+    return (width - wide) // 2, (height - tall) // 2, wide, tall
+
+
+def _write_parts(path: Path, film: Path) -> list[str]:
+    """Write a film as scripts beside a page; their names."""
+    names: list[str] = []
+    with film.open("rb") as data:
+        while piece := data.read(PART_BYTES):
+            names.append(f"{path.stem}.film-{len(names):02d}.js")
+            if path.with_name(names[-1]).exists():
+                raise ParameterError("out", f"{names[-1]} is already there; choose another name")
+            script = b'takePart("' + base64.b64encode(piece) + b'")'
+            write_bytes(path.with_name(names[-1]), script)
+    return names
+
+
+def _write_page(
+    path: Path, loop: Loop, rule: Compact, state_hz: float, flicker: str, more: dict[str, Any]
+) -> None:
+    """Write a page with what it shows, in JSON's types."""
+    layout = rule.layout
     page = {
         **rule_page(rule, state_hz, flicker),
         "width": layout.width,
         "height": layout.height,
         "turned": loop.placement.turns(loop.layout),
         "patches": packed(rule.patches) if layout.ratex else None,
-        "bits": bits,
-        "pictures": pictures,
-        "steps": steps,
-        "shown": shown,
-        "changes": changes,
+        **more,
     }
     text = f">{json.dumps(page, separators=(',', ':'))}<"
-    text = TEMPLATE.read_text("utf-8").replace(PLACE, text)
+    template = TEMPLATE.read_text("utf-8")
+    if "parts" in more.get("film", {}):
+        template = template.replace(SCRIPTS, f"{SCRIPTS} 'self' file:", 1)
+    text = template.replace(PLACE, text)
     write_bytes(path, text.encode())

@@ -14,7 +14,8 @@ from link.images.video import write_video
 from link.loop import Loop
 from link.types import Image
 from sender.likeness import Likeness
-from sender.player import with_bar, write_player
+from sender.player import PLAYED, with_bar, write_film_player, write_player
+from sender.sound import add_sound
 
 KINDS = ("", ".html", ".avi", ".mkv")
 """Endings of an output's name: none for a folder of images, then the player, then two videos."""
@@ -61,6 +62,7 @@ def write_loop(
     out: Path,
     message_bytes: int,
     state_hz: float,
+    film: Path | None = None,
     *,
     flicker: str = "",
     more: Mapping[str, Any],
@@ -73,6 +75,7 @@ def write_loop(
         message_bytes: length of the message.
         state_hz: states shown in a second, by a video, or by the player where the display's
             refreshes allow it.
+        film: video that the loop shows: a player plays it, and a video gets its sound.
         flicker: what the player asks before it plays, as `Hiding.flicker` says it.
         more: values of JSON's types that are reported beside the loop's own.
 
@@ -94,10 +97,14 @@ def write_loop(
             raise ParameterError("out", f"{out} is already there; remove it or choose another name")
         likeness = Likeness.of(loop).report()
         states = with_bar(loop.states(), 2 * len(loop.bits), "state")
-        if kind == ".html":
+        if kind == ".html" and film is not None and film.suffix.lower() in PLAYED:
+            write_film_player(out, loop, film, state_hz, flicker)
+        elif kind == ".html":
             write_player(out, loop, state_hz, flicker)
         elif kind:
             write_video(out, states, state_hz)
+            if film is not None:
+                add_sound(out, film, 2 * loop.n_pictures / state_hz)
         else:
             place = Path(os.path.realpath(out))
             with lent_folder(place, out) as folder:

@@ -344,7 +344,7 @@ def site(node: None, make_once: MakeOnce) -> Path:
 @pytest.fixture(scope="session")
 def chromium() -> str:
     """Path of the machine's Chromium; tests that need it are skipped where there is none."""
-    from lab.films.browser import BROWSERS, find_browser
+    from browser import BROWSERS, find_browser
 
     executable = find_browser()
     if executable is None:
@@ -359,9 +359,8 @@ def browser(chromium: str) -> "Iterator[Browser]":
     One for each module, not for the session: Playwright keeps an event loop in this thread while it
     runs, and Dask's tests should not meet it.
     """
+    from browser import BROWSER_FLAGS
     from playwright.sync_api import sync_playwright
-
-    from lab.films.browser import BROWSER_FLAGS
 
     with sync_playwright() as playwright:
         running = playwright.chromium.launch(executable_path=chromium, args=BROWSER_FLAGS)

@@ -1,66 +1,38 @@
-"""Run commands on mutated inputs: python -m tests.fuzz --cases 5000 --seed 0 --out DIR.
+"""Commands on mutated inputs: manifests, stored runs, models, images, videos, layouts, and more.
 
-Each case is one command on one mutated input: a manifest, a stored run, a model, an image, a video,
-a layout, a key, a folder of train.py, values of --set, or a command line. It runs in a process of
-its own, forked from one that has all modules loaded. A case fails where it prints a traceback, dies
-of a signal, takes more than 10 seconds of processor time, does not end within a minute, takes more
-than 2 GB, ends with an error that is not told, or receives a message that nobody sent. A case that
-takes too long is run once more, and fails where it does so again: a machine that others use is slow
-at times. Prints what failed, with its command, and counts by kind; inputs of failed cases stay in
---out. Exit status 1 where a case failed.
-
-Needs Linux, and the test dependencies (onnx to change the metadata of models).
+`Inputs` makes sound inputs once, and from them any number of cases: a command and its words. What a
+case must not do is in commands/test_fuzz.py.
 """
 
-import argparse
-import importlib
 import json
-import os
 import random
-import resource
 import shutil
 import string
-import sys
-import tempfile
-import time
-from collections import Counter
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import onnx
+from runs import write_run
+from streams import Stream, states_of, write_film
 
 from data_gen.pairs import get_pair
 from link.captures import MANIFEST, save_captures
 from link.embed import embed
-from link.errors import InputError
 from link.frames import Captured
 from link.geometry import frame_corners
 from link.images import write_image
 from link.layout import make_layout
 from models import PRETRAINED
-from reports.engine.backends import one_thread
 from reports.evaluation.page import write_report
-from tests.forked import Ended, run_forked
-from tests.runs import write_run
-from tests.streams import Stream, states_of, write_film
 
-MAX_S, MAX_BYTES, KILL_S = 10.0, 2 * 10**9, 60.0
-NO_FAILURES = ("cases", "refused", "repeated")
-STATUSES = (0, 1, 2, 130, 141)
 LAYOUT = make_layout()
 MODEL = PRETRAINED / "decoder.onnx"
 TEXT = "right"
 """The message of all sound films."""
 RECEIVE = "receiver.__main__"
-COMMANDS = (
-    "evaluate", "train", "data_gen.__main__", "data_gen.video", "sender.__main__",
-    RECEIVE, "receiver.locate.__main__", "export.runtime", "export.parity",
-    "export.to_onnx",
-)  # fmt: skip
 NASTY: list[Any] = [
     None, True, False, 0, -1, 1.5, 2**31, 2**63, 10**23, 10**400, 1e308, float("nan"), float("inf"),
     "", "x", "\ud800", "\0", "²", "../../../../etc/passwd", "/etc/passwd", "n" * 300, "\u2028", [],
@@ -119,39 +91,13 @@ LAYOUTS = (
 TRAIN = ("--episodes", "1", "--rounds", "2", "--steps", "1", "--batch", "1", "--jobs", "1")
 
 
-@dataclass(frozen=True)
-class Case:
-    """A command on a mutated input."""
-
-    kind: str
-    module: str
-    arguments: list[str]
-
-
-def failures(ended: Ended) -> list[str]:
-    """What is wrong with the way in which a case ended, if anything."""
-    found = []
-    if "Traceback (most recent call last)" in ended.stderr:
-        found.append("traceback")
-    if ended.cpu_s > MAX_S or ended.seconds > KILL_S:
-        found.append("hang")
-    elif ended.status < 0:
-        found.append(f"signal {-ended.status}")
-    if ended.peak_bytes > MAX_BYTES:
-        found.append("memory")
-    if ended.status > 0 and not ended.stderr.strip():
-        found.append("silent")
-    if not received(ended) <= {TEXT}:
-        found.append("wrong message")
-    if not found and ended.status not in STATUSES:
-        found.append(f"status {ended.status}")
-    return found
-
-
-def received(ended: Ended) -> set[str]:
-    """Messages that a receiver printed."""
-    lines = [line for line in ended.stdout.splitlines() if line.startswith('{"event": "message"')]
-    return {json.loads(line)["text"] for line in lines}
+KINDS = (
+    "manifest", "run", "model", "image", "video", "layout", "key", "training", "settings",
+    "command",
+)  # fmt: skip
+"""What is mutated: names of methods of `Inputs`."""
+Case = tuple[str, list[str]]
+"""A command's module and its words."""
 
 
 def mutated_bytes(data: bytes, rng: random.Random) -> bytes:
@@ -235,10 +181,13 @@ def scaled(value: Any, factor: float) -> Any:
 
 
 class Inputs:
-    """Sound inputs, made once, and cases that mutate them."""
+    """Sound inputs, made once, and cases that mutate them by ``rng``.
 
-    def __init__(self, folder: Path, rng: random.Random) -> None:
-        self.good, self.rng, self.number = folder / "good", rng, 0
+    A half-finished training in the folder ``training`` is not made here.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.good, self.rng = folder, random.Random()
         draws = np.random.default_rng(0)
         picture = cv2.resize(draws.integers(30, 220, (6, 8, 3)).astype(np.uint8), (512, 384))
         bits = draws.integers(0, 2, LAYOUT.n_bits)
@@ -269,22 +218,13 @@ class Inputs:
         write_run(self.good / "run")
         write_report(self.good / "run")
 
-    def case(self, folder: Path) -> Case:
-        """Make the next case in an empty folder."""
-        makers: list[Callable[[Path], Case]] = [
-            self.manifest, self.run, self.model, self.image, self.video, self.layout, self.key,
-            self.training, self.settings, self.command,
-        ]  # fmt: skip
-        self.number += 1
-        return makers[self.number % len(makers)](folder)
-
     def manifest(self, folder: Path) -> Case:
         shutil.copytree(self.good / self.rng.choice(("captures", "pilots")), folder / "in")
         file = folder / "in" / MANIFEST
         file.write_bytes(mutated_text(file.read_text(), self.rng))
         flags = ["--captures", str(folder / "in"), "--out", str(folder / "out")]
         flags += ["--methods", "naive", "--jobs", "1", "--no-html"]
-        return Case("manifest", "evaluate", flags)
+        return ("evaluate", flags)
 
     def run(self, folder: Path) -> Case:
         shutil.copytree(self.good / "run", folder / "in")
@@ -299,7 +239,7 @@ class Inputs:
         flags = ["--report", str(folder / "in")]
         if self.rng.random() < 0.3:
             flags = ["--compare", str(self.good / "run"), str(folder / "in")]
-        return Case("run", "evaluate", [*flags, "--out", str(folder / "out")])
+        return ("evaluate", [*flags, "--out", str(folder / "out")])
 
     def model(self, folder: Path) -> Case:
         data = MODEL.read_bytes()
@@ -325,10 +265,10 @@ class Inputs:
         (folder / "model.onnx").write_bytes(data)
         images = [str(self.good / "a.png"), str(self.good / "b.png")]
         if self.rng.random() < 0.5:
-            return Case("model", "export.runtime", [str(folder / "model.onnx"), *images])
+            return ("export.runtime", [str(folder / "model.onnx"), *images])
         shown = self.rng.choice((images, [str(self.good / "states")]))
         flags = [*shown, "--model", str(folder / "model.onnx")]
-        return Case("model", RECEIVE, flags)
+        return (RECEIVE, flags)
 
     def image(self, folder: Path) -> Case:
         source = self.good / f"photo{self.rng.choice(('.png', '.jpg', '.bmp', '.tiff', '.webp'))}"
@@ -340,8 +280,8 @@ class Inputs:
             file.write_bytes(mutated_bytes(data, self.rng))
         if self.rng.random() < 0.3:
             flags = [str(file), "--message", "hi", "--out", str(folder / "out")]
-            return Case("image", "sender.__main__", flags)
-        return Case("image", "receiver.locate.__main__", [str(file), "--model", str(MODEL)])
+            return ("sender.__main__", flags)
+        return ("receiver.locate.__main__", [str(file), "--model", str(MODEL)])
 
     def video(self, folder: Path) -> Case:
         data = (self.good / "film.avi").read_bytes()
@@ -357,17 +297,17 @@ class Inputs:
         film.write_bytes(data)
         if self.rng.random() < 0.1:
             flags = [str(film), "--message", "hi", "--preset", "paper", "--out", "\udcff.mkv"]
-            return Case("video", "sender.__main__", flags)
-        return Case("video", RECEIVE, [str(film)])
+            return ("sender.__main__", flags)
+        return (RECEIVE, [str(film)])
 
     def layout(self, folder: Path) -> Case:
         text = (self.good / f"layout{self.rng.randrange(len(LAYOUTS))}.json").read_text()
         (folder / "layout.json").write_bytes(mutated_text(text, self.rng))
         flags = ["--layout", str(folder / "layout.json")]
         if self.rng.random() < 0.5:
-            return Case("layout", "receiver.locate.__main__", [str(self.good / "a.png"), *flags])
+            return ("receiver.locate.__main__", [str(self.good / "a.png"), *flags])
         flags += [str(self.good / "a.png"), "--message", "hi", "--out", str(folder / "out")]
-        return Case("layout", "sender.__main__", flags)
+        return ("sender.__main__", flags)
 
     def key(self, folder: Path) -> Case:
         """A key of any length and content, or what is none, and numbers that go with it."""
@@ -379,9 +319,9 @@ class Inputs:
             word = self.rng.choice(("1", "7", str(2**32 - 1), str(2**32)))
         if self.rng.random() < 0.5:
             flags = [str(self.good / "a.png"), "--message", "hi", "--key", name]
-            return Case("key", "sender.__main__", [*flags, "--counter", word, "--out", "x"])
+            return ("sender.__main__", [*flags, "--counter", word, "--out", "x"])
         flags = [str(self.good / "film.avi"), "--key", name, "--max-age", word]
-        return Case("key", RECEIVE, flags)
+        return (RECEIVE, flags)
 
     def training(self, folder: Path) -> Case:
         """A folder of train.py: a training to go on with, a checkpoint to export or evaluate."""
@@ -398,12 +338,12 @@ class Inputs:
         else:
             file.write_bytes(mutated_text(file.read_text(), self.rng))
         if how == 0:
-            return Case("training", "train", [*TRAIN, "--out", str(folder / "in")])
+            return ("train", [*TRAIN, "--out", str(folder / "in")])
         if how == 1 and file.suffix == ".pt":
-            return Case("training", "export.to_onnx", [str(folder / "in"), "--parity-frames", "1"])
+            return ("export.to_onnx", [str(folder / "in"), "--parity-frames", "1"])
         flags = ["--captures", str(self.good / "captures"), "--out", str(folder / "out"), "--jobs"]
         flags += ["1", "--no-html", "--methods", "learned", "--run", str(folder / "in")]
-        return Case("training", "evaluate", flags)
+        return ("evaluate", flags)
 
     def settings(self, folder: Path) -> Case:
         """Values of the channel's parameters, within their limits, beyond them, and of no kind."""
@@ -418,10 +358,10 @@ class Inputs:
         flags = ["--rows", "5", "--cols", "5", "--width", "128", "--height", "96", "--set", *words]
         if self.rng.random() < 0.3:
             flags += ["--message", "hi", "--seconds", "0.1", "--size", "160", "120"]
-            return Case("settings", "data_gen.video", [*flags, "--out", str(folder / "out")])
+            return ("data_gen.video", [*flags, "--out", str(folder / "out")])
         flags += ["--view", self.rng.choice(("0", "45", "75"))]
         flags += ["--frames", "1", "--out", str(folder / "out")]
-        return Case("settings", "data_gen.__main__", flags)
+        return ("data_gen.__main__", flags)
 
     def command(self, folder: Path) -> Case:
         """A sound command line with a value, or a flag, replaced by something else."""
@@ -439,88 +379,4 @@ class Inputs:
                 del words[at]
             else:
                 words.insert(at, self.rng.choice(WORDS))
-        return Case("command", module, words)
-
-
-def run_case(case: Case, folder: Path, main: Callable[[], None]) -> Ended:
-    """Run a case in a forked process; a mutated --out is a name in its folder."""
-
-    def prepare() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (2**30, 2**30))
-        os.environ["JOBLIB_TEMP_FOLDER"] = str(folder)
-
-    return run_forked(main, [case.module, *case.arguments], folder, folder, KILL_S, prepare)
-
-
-def stop_before_export(*_: object) -> None:
-    """End a command in place of the export of a sound decoder, which takes long."""
-    raise InputError("the fuzz ends before an export")
-
-
-def main() -> None:
-    """Run the cases and print what failed."""
-    parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
-    parser.add_argument("--cases", type=int, default=100)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--kind", help="one kind alone, such as model")
-    parser.add_argument("--out", type=Path, help="folder for the inputs of failed cases")
-    parser.add_argument("--minutes", type=float, default=1e9, help="begin no case after so many")
-    parser.add_argument("--verbose", action="store_true", help="print every case")
-    config = parser.parse_args()
-    mains = {module: importlib.import_module(module).main for module in COMMANDS}
-    for module, function in (("train", "save_checkpoint"), ("export.to_onnx", "to_onnx")):
-        setattr(importlib.import_module(module), function, stop_before_export)
-    one_thread()  # a forked process waits forever for threads that its parent had
-    counts: Counter[tuple[str, str]] = Counter()
-    slowest = largest = 0.0
-    with tempfile.TemporaryDirectory() as temporary:
-        folder = Path(temporary)
-        inputs = Inputs(folder, random.Random(config.seed))
-        words = [*TRAIN, "--out", str(inputs.good / "training")]
-        begun = run_case(Case("training", "train", words), inputs.good, mains["train"])
-        if not (inputs.good / "training" / "state.pt").is_file():
-            sys.exit(f"the training to mutate could not be made: {begun.stderr}")
-        for shown in ("film.avi", "states"):
-            case = Case("video", RECEIVE, [str(inputs.good / shown)])
-            sound = run_case(case, inputs.good, mains[RECEIVE])
-            if received(sound) != {TEXT}:
-                sys.exit(f"{shown} to mutate is not read: {sound.stderr}")
-        ends = time.monotonic() + 60 * config.minutes
-        for number in range(config.cases):
-            if time.monotonic() > ends:
-                break
-            place = folder / "case"
-            place.mkdir()
-            case = getattr(inputs, config.kind)(place) if config.kind else inputs.case(place)
-            before = set(place.iterdir())
-            ended = run_case(case, place, mains[case.module])
-            if "hang" in failures(ended):
-                for made in set(place.iterdir()) - before:
-                    shutil.rmtree(made) if made.is_dir() else made.unlink()
-                counts[case.kind, "repeated"] += 1
-                ended = run_case(case, place, mains[case.module])
-            counts[case.kind, "cases"] += 1
-            counts[case.kind, "refused"] += ended.status == 2
-            slowest, largest = max(slowest, ended.cpu_s), max(largest, ended.peak_bytes)
-            wrong = failures(ended)
-            for failure in wrong:
-                counts[case.kind, failure] += 1
-            if wrong or config.verbose:
-                last = ended.stderr.strip().splitlines()[-1:]
-                print(number, case.kind, wrong, f"{ended.cpu_s:.1f} s", case.module,
-                      [word[:80] for word in case.arguments], *(line[:200] for line in last),
-                      sep=" | ", flush=True)  # fmt: skip
-                if config.out is not None and wrong:
-                    shutil.copytree(place, config.out / f"{config.seed}_{number}", symlinks=True)
-            shutil.rmtree(place)
-    failed = sum(count for (_, what), count in counts.items() if what not in NO_FAILURES)
-    table: dict[str, dict[str, int]] = {}
-    for (kind, what), count in sorted(counts.items()):
-        table.setdefault(kind, {})[what] = count
-    print(json.dumps({"failed": failed, "slowest_s": round(slowest, 1),
-                      "largest_mb": round(largest / 1e6), "kinds": table}))  # fmt: skip
-    sys.exit(1 if failed else 0)
-
-
-if __name__ == "__main__":
-    main()
+        return (module, words)

@@ -1,7 +1,8 @@
 /**
  * Reads a film as the page's worker does, without a browser: node read.js SITE FILM.y4m
  *
- * SITE is a folder that `python -m web` wrote, and FILM.y4m a film of lab/films/y4m.py.
+ * SITE is a folder that `python -m web` wrote, and FILM.y4m a film without compression, as
+ * `ffmpeg -i film.mp4 -pix_fmt yuv420p FILM.y4m` writes it.
  * Prints one line of JSON: the message's bytes in base64 or null, the film's time and the number of
  * frames until then, the seconds that the receiver took for them, by stage and in all, and the
  * memory that the process took, in bytes.
@@ -39,10 +40,10 @@ function* framesOf() {
   const file = openSync(film, "r");
   const start = Buffer.alloc(100);
   readSync(file, start, 0, start.length, 0);
-  const [line, ...numbers] = /^YUV4MPEG2 W(\d+) H(\d+) F(\d+):1000 .*\n/.exec(start.toString()) ?? [];
-  if (!line) throw new Error(`${film} is no film of lab/films/y4m.py`);
-  const [width, height, rate] = numbers.map(Number);
-  const [fps, area] = [rate / 1000, width * height];
+  const [line, ...numbers] = /^YUV4MPEG2 W(\d+) H(\d+) F(\d+):(\d+) .*\n/.exec(start.toString()) ?? [];
+  if (!line) throw new Error(`${film} is no film of the kind y4m`);
+  const [width, height, frames, seconds] = numbers.map(Number);
+  const [fps, area] = [frames / seconds, width * height];
   const step = "FRAME\n".length + area + 2 * Math.ceil(width / 2) * Math.ceil(height / 2);
   for (let number = 0; ; number++) {
     const data = new Uint8Array(area);

@@ -13,7 +13,7 @@ films and the analysis of errors all expose through `Shot`, so an effect of the 
 here once.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, reduce
 from itertools import zip_longest
 
@@ -90,33 +90,6 @@ class Layer:
         inside = np.s_[top:bottom, left:right]
         part *= 1 - cv2.warpPerspective(repeat_channels(self.cover[inside]), H, part.shape[1::-1])
         part += cv2.warpPerspective(self.light[inside], H, part.shape[1::-1])
-
-
-@dataclass(frozen=True, eq=False)
-class Foreground:
-    """A figure that stands between camera and display and hides what lies behind it."""
-
-    light: Light
-    """Light of the figure times its cover, (h, w, 3) float32."""
-    cover: Light
-    """Share of each pixel that the figure hides, (h, w, 1) float32 in [0, 1]."""
-
-    def collected(self, pair: Pair) -> "Foreground":
-        """Return the figure as the sensor's channels collect it, from one in linear light."""
-        return replace(self, light=collect(self.light, pair.camera, pair.crosstalk))
-
-    def lay_over(self, image: Light, x: float, y: float) -> None:
-        """Draw the figure into (H, W, 3), in place, its top-left corner at (x, y), rounded."""
-        left, top = round(x), round(y)
-        height, width = self.cover.shape[:2]
-        x0, y0 = max(0, left), max(0, top)
-        x1, y1 = min(image.shape[1], left + width), min(image.shape[0], top + height)
-        if x1 <= x0 or y1 <= y0:
-            return
-        inside = np.s_[y0 - top : y1 - top, x0 - left : x1 - left]
-        part = image[y0:y1, x0:x1]
-        part *= 1 - self.cover[inside]
-        part += self.light[inside]
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,9 +176,6 @@ class Shot:
     surroundings moves; nothing for no motion."""
     iso: float | None = None
     """Amplification of this exposure; None for that of the viewpoint."""
-    foreground: tuple[Foreground, float, float] | None = None
-    """Collected light of who stands before the display, and the x and y of its top-left corner;
-    it needs a viewpoint with surroundings."""
 
     @cached_property
     def region(self) -> tuple[int, int, int, int]:
@@ -272,9 +242,6 @@ class Shot:
             left, top, right, bottom = self.region
             if right > left and bottom > top:
                 self._lay_display(exposure[top:bottom, left:right], light)
-            if self.foreground is not None:
-                figure, x, y = self.foreground
-                figure.lay_over(exposure, x, y)
             for gain in self.gains.image:
                 exposure *= gain
         return np.asarray(np.minimum(exposure, 1.0, out=exposure), np.float32)

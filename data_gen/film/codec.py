@@ -80,20 +80,6 @@ class CodecSettings:
         """Whether frames are compressed at all."""
         return self.name != "none"
 
-    @property
-    def label(self) -> str:
-        """What differs from the usual settings, in one word, such as "h264_8000k"; empty if off."""
-        if not self.on:
-            return ""
-        usual = CodecSettings()
-        words = [f"{self.name}_{self.kbits:g}k"]
-        words += [self.profile] if self.profile not in (None, PROFILES[self.name][0]) else []
-        words += [f"gop{self.gop_s:g}"] if self.gop_s != usual.gop_s else []
-        words += [f"b{self.b_frames}"] if self.b_frames else []
-        words += [self.preset] if self.preset != usual.preset else []
-        words += ["full"] if self.full_range else []
-        return "_".join(words)
-
     def check(self) -> None:
         """Check the settings, and that their codec can be used here.
 

@@ -5,29 +5,28 @@
 
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from tyro.conf import OmitArgPrefixes
 
-from data_gen.effects import switch_off
 from data_gen.film.codec import CodecSettings
 from data_gen.film.frame import VideoFrame
 from data_gen.film.phone import PhoneSettings
 from data_gen.film.scenes import SceneSettings
-from data_gen.film.stream import VideoSettings, film
+from data_gen.film.stream import States, VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
-from data_gen.pairs import get_pair
-from link.code.framing import encode, frames_needed
-from link.embed import check_kappa
-from link.errors import ParameterError, at_least, choose
+from data_gen.pictures.carriers import open_carrier
+from link.code.framing import encode
+from link.errors import choose
 from link.layout import Layout
-from link.loop import Loop, LoopStates
+from link.loop import Loop, LoopStates, MovingStates
 from link.presets import PRESETS
 
-MAX_LOOPS = 100.0
-"""Largest number of loops of the message after which a run may be given up."""
+IN_STEP = 0.5
+"""Share of films with a moving carrier of which both states of a frame pair show one picture, as
+where a program makes them. Of the others each state shows the picture of its own time, as where a
+browser's video element changes the picture when it likes."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +44,10 @@ class FilmSettings:
     """Number of frames that the camera takes a second."""
     n_bytes: int = 100
     """Length of the message, bytes."""
-    pan_px: float = 0.0
-    """Number of pixels by which the picture that carries the message moves to the right from one
-    frame pair to the next, as in a video; 0 for a picture that stands still."""
+    carriers: str = "still"
+    """What carries the message: "still" for a picture that stands still, "moving" for a film of a
+    scene that is drawn for each film anew, or the name of a scene (data_gen/pictures/moving.py) or
+    of a video file."""
     loops: float = 3.0
     """Number of loops of the message after which a run is given up."""
     coverage: tuple[float, float] = (0.15, 0.6)
@@ -66,7 +66,7 @@ class FilmSettings:
     """Effects of the channel that are switched off (data_gen/effects.py)."""
     jitter_s: float = VideoSettings.jitter_s
     """Standard deviation, in seconds, of how early or late the sensor takes a frame."""
-    phone: OmitArgPrefixes[PhoneSettings] = field(default_factory=PhoneSettings)
+    phone: PhoneSettings = field(default_factory=PhoneSettings)
     """What a phone does to the frames before it stores them."""
     codec: CodecSettings = field(default_factory=CodecSettings)
     """Codec through which the frames pass."""
@@ -75,28 +75,6 @@ class FilmSettings:
     def layout(self) -> Layout:
         """Layout that the display shows."""
         return choose(PRESETS, self.preset, "preset").layout
-
-    def name(self, seed: int) -> str:
-        """Name of the setting and of the seed of its draws, for files."""
-        rates = f"{self.state_hz:g}hz_{self.fps:g}fps"
-        grid = f"grid{self.layout.rows}" if self.preset == "paper" else self.preset
-        name = f"{grid}_{rates}_kappa{self.kappa}_{self.n_bytes}B_seed{seed}"
-        return "_".join([name, self.camera] if self.camera else [name])
-
-    @property
-    def camera(self) -> str:
-        """What differs from a plain camera with lossless frames, in one word; empty for nothing."""
-        words = [
-            f"{entry.name}{value:g}"
-            for part in (self, self.phone)
-            for entry in fields(part)
-            if part is self.phone
-            or entry.name in ("pan_px", "outside", "shutter", "hand", "drop", "jitter_s")
-            if (value := getattr(part, entry.name)) != entry.default
-        ]
-        words += ["x".join(map(str, self.size))] if self.size != SceneSettings.size else []
-        words += [f"without_{effect}" for effect in self.without]
-        return "_".join([*words, *([self.codec.label] if self.codec.on else [])])
 
     def video(self, scene: SceneSettings, seconds: float | None = None) -> VideoSettings:
         """Return the settings of a film of a scene."""
@@ -143,7 +121,7 @@ class MessageFilm:
     take: Take
     """Setting, pair, view and number of the film."""
     picture: str
-    """Name of the picture that carries the message."""
+    """Name of the picture or of the film that carries the message."""
     message: bytes
     """Message that the display sends."""
     bits: NDArray[np.integer]
@@ -165,15 +143,11 @@ def film_message(take: Take) -> MessageFilm:
     picture = pictures[int(rng.integers(len(pictures)))]
     message = rng.bytes(config.n_bytes)
     bits = encode(message, layout.n_bits)
-    shown = [picture.rgb]
-    if config.pan_px:
-        moves = [round(number * config.pan_px) for number in range(len(bits))]
-        shown = [np.roll(picture.rgb, move, axis=1) for move in moves]
     loop = Loop(
         layout,
         config.kappa,
         bits,
-        lambda: iter(shown),
+        lambda: iter([picture.rgb]),
         display_size=source.shown_size,
         even=PRESETS[config.preset].even,
     )
@@ -182,26 +156,13 @@ def film_message(take: Take) -> MessageFilm:
     scene = SceneSettings(config.size, coverage, pictures=pictures, free=0.03, outside=outside)
     settings = config.video(scene, config.loops * 2 * len(bits) / config.state_hz)
     pair, shown_layout = source.pair(take.pair), source.display_layout
-    frames = film(LoopStates(loop), shown_layout, pair, take.view, settings, rng)
-    return MessageFilm(take, picture.name, message, bits, frames)
-
-
-def check_settings(settings: FilmSettings) -> None:
-    """Raise an `InputError` that names the first setting with a wrong value, before any work."""
-    at_least(1, n_bytes=settings.n_bytes)
-    check_kappa(settings.kappa)
-    choose(PRESETS, settings.preset, "preset")
-    frames_needed(settings.n_bytes, settings.layout.n_bits, "n_bytes")
-    if not 0 < settings.loops <= MAX_LOOPS:
-        raise ParameterError(
-            "loops", f"need more than 0 and at most {MAX_LOOPS:g}, got {settings.loops:g}"
-        )
-    least, most = settings.coverage
-    for share in settings.coverage:
-        scene = SceneSettings(settings.size, share)
-        settings.video(scene).check()
-        replace(scene, outside=settings.outside).check()
-    settings.codec.check()
-    switch_off(get_pair("canon-lg"), settings.without)
-    if not least <= most:
-        raise ParameterError("coverage", f"the largest share, {most:g}, is below the least")
+    states: States = LoopStates(loop)
+    name = picture.name
+    if config.carriers != "still":
+        carrier_rng = np.random.default_rng([take.seed, zlib.crc32(f"carrier {key}".encode())])
+        carrier = open_carrier(config.carriers, pictures, carrier_rng)
+        name = carrier.name
+        in_step = bool(carrier_rng.random() < IN_STEP)
+        states = MovingStates(loop, carrier, config.state_hz, in_step)
+    frames = film(states, shown_layout, pair, take.view, settings, rng)
+    return MessageFilm(take, name, message, bits, frames)

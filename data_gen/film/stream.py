@@ -14,12 +14,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from data_gen.channel.composition import Foreground, Shot
+from data_gen.channel.composition import Shot
 from data_gen.channel.display import Light, room_light
 from data_gen.channel.panel import Panel
 from data_gen.film.exposure import Exposure, ExposureProgram
 from data_gen.film.frame import VideoFrame, lies_within
-from data_gen.film.passer import draw_passer
 from data_gen.film.phone import PhoneProcessor, PhoneSettings, blur_by_motion
 from data_gen.film.scenes import Scene, SceneSettings, draw_scene
 from data_gen.film.shake import ExposureDrift, Hand, Wander
@@ -53,12 +52,8 @@ SETTLING_FRAMES, SETTLED_S = 4, 10.0
 film begins."""
 EXPOSURE_JUMP = 0.2
 """Standard deviation of the log exposure to which automatic exposure jumps."""
-PAN_S = 0.5
-"""Time, in seconds, in which the camera turns away, and in which it comes back."""
 MAX_JITTER = 0.45
 """Largest share of the time from frame to frame by which the sensor takes a frame early or late."""
-WALKING_HZ = 1.8
-"""Number of steps a second of someone who walks by; each lifts the figure a little."""
 
 
 @dataclass(frozen=True)
@@ -95,10 +90,6 @@ class VideoSettings:
     jitter_s: float = 0.0
     """Standard deviation, in seconds, of how early or late the sensor takes a frame; the frame's
     time says so. It is cut off at 0.45 of the time from frame to frame."""
-    passer_s: tuple[float, float] | None = None
-    """Times of the stream, in seconds, between which someone crosses the image."""
-    away_s: tuple[float, float] | None = None
-    """Times of the stream, in seconds, between which the camera looks elsewhere."""
     phone: PhoneSettings = field(default_factory=PhoneSettings)
     """What a phone does to the frames after the camera's own processing; by default nothing."""
 
@@ -121,9 +112,6 @@ class VideoSettings:
         for name, share in (("drop", self.drop), ("duplicate", self.duplicate)):
             if not 0 <= share < 1:
                 raise ParameterError(name, f"need a probability in [0, 1), got {share:g}")
-        for name, span in (("passer_s", self.passer_s), ("away_s", self.away_s)):
-            if span is not None and not span[0] < span[1]:
-                raise ParameterError(name, f"the end must come after the start, got {span}")
         self.phone.check()
 
 
@@ -203,9 +191,6 @@ class _Stream:
         drift = scene.pair.nuisance(scene.view_deg).drift if drift is None else drift
         self.exposure = ExposureDrift(drift, settings.jumps_hz, EXPOSURE_JUMP, exposure_rng)
         self.loss_rng, self.noise_rng, self.jitter_rng = loss_rng, noise_rng, jitter_rng
-        self.passer = self._draw_passer(draws) if settings.passer_s is not None else None
-        self.walks_left = draws.random() < 0.5
-        self.away = np.array([np.cos(a := draws.uniform(0, 2 * np.pi)), np.sin(a)])
 
     def frames(self) -> Iterator[VideoFrame]:
         """Yield the frames that are not lost, in order."""
@@ -217,7 +202,7 @@ class _Stream:
             late = self._late() if number else 0.0
             time_s, step_s = number / settings.fps + late, 1 / settings.fps + (late - late_before)
             lost, again = self.loss_rng.random(2) < (settings.drop, settings.duplicate)
-            motion = self._look_away(time_s) @ self.hand.step(step_s)
+            motion = self.hand.step(step_s)
             way = settings.hand * scene.pair.setup.sway * self.sway.step(step_s)
             gain = self.exposure.step(step_s)
             smear = self._smear(motion_before, motion, step_s)
@@ -270,7 +255,7 @@ class _Stream:
     ) -> VideoFrame:
         """Expose and develop one frame of a camera that has moved."""
         scene, now = self.scene, self._exposure()
-        shot = self._shot(motion, way, now, now.gain * gain, self._passer_at(time_s))
+        shot = self._shot(motion, way, now, now.gain * gain)
         opens = self.start + time_s * self.clock
         light, shares = self._light(shot, opens, way, now.shutter_s)
         exposure = shot.expose_light(light)
@@ -303,14 +288,13 @@ class _Stream:
         way: NDArray[np.float64],
         now: Exposure,
         gain: float,
-        passer: tuple[Foreground, float, float] | None = None,
     ) -> Shot:
         """Return the exposure of a camera that its hand has turned and carried along."""
         motions: tuple[NDArray[np.float64], ...] = (motion,)
         if way.any():
             motions = tuple(motion @ moved for moved in self.scene.parallax(way))
         H = motions[-1] @ self.scene.H_captured_from_display
-        return Shot(self.viewpoint, H / H[2, 2], gain, None, motions, now.iso, passer)
+        return Shot(self.viewpoint, H / H[2, 2], gain, None, motions, now.iso)
 
     def _light(
         self, shot: Shot, opens: float, way: NDArray[np.float64], shutter_s: float
@@ -344,34 +328,3 @@ class _Stream:
         if callable(self.states):
             return self.states(max(0, number))
         return self.states[number % len(self.states)]
-
-    def _look_away(self, time_s: float) -> NDArray[np.float64]:
-        """Return the (3, 3) motion of a camera that looks elsewhere for a while."""
-        motion = np.eye(3)
-        if self.settings.away_s is not None:
-            start, end = self.settings.away_s
-            share = np.clip(min(time_s - start, end - time_s) / PAN_S, 0, 1)
-            smooth = share**2 * (3 - 2 * share)
-            motion[:2, 2] = 1.2 * smooth * self.away * max(self.scene.size)
-        return motion
-
-    def _draw_passer(self, rng: np.random.Generator) -> Foreground:
-        """Draw a figure about as tall as the image, as the sensor collects it."""
-        height = self.scene.size[1]
-        tall = int(height * rng.uniform(0.7, 1.1))
-        passer = draw_passer(int(tall * rng.uniform(0.35, 0.55)), tall, self.scene.level, rng)
-        return passer.collected(self.scene.pair)
-
-    def _passer_at(self, time_s: float) -> tuple[Foreground, float, float] | None:
-        """Return who walks by at this time, and the x and y of the figure's top-left corner."""
-        if self.passer is None or self.settings.passer_s is None:
-            return None
-        start, end = self.settings.passer_s
-        share = (time_s - start) / (end - start)
-        if not 0 <= share <= 1:
-            return None
-        width, height = self.scene.size
-        tall, wide = self.passer.cover.shape[:2]
-        share = 1 - share if self.walks_left else share
-        bob = 0.01 * height * np.sin(2 * np.pi * WALKING_HZ * time_s)
-        return self.passer, share * (width + wide) - wide, height - tall + 0.01 * height + bob

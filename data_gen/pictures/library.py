@@ -14,10 +14,14 @@ from numpy.typing import NDArray
 
 from data_gen.pictures.drawings import draw_picture
 from link.errors import InputError, choose
-from link.images import MIN_SIDE_PX, image_files, read_image
+from link.images import MIN_SIDE_PX, fit_picture, image_files, read_image
+from link.images.video import VideoReader
+from link.outside import is_file
 
 MIN_SOURCE_SIDE = 64
 """Smallest width and height, in pixels, of an image in the user's folder."""
+MAX_TAKEN = 60
+"""Largest number of pictures, a second apart, that are taken from a video."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,10 +114,11 @@ def load_pictures(split: str, width: int, height: int) -> list[Picture]:
 def load_folder(folder: Path, width: int, height: int) -> list[Picture]:
     """Load the user's own pictures, sorted by file name, centre-cropped and resized.
 
-    Subfolders, hidden files and those that are no images by their suffix are passed over.
+    Subfolders, hidden files and those that are no images by their suffix are passed over. Of a
+    video, a frame is taken each second, `MAX_TAKEN` at most.
 
     Args:
-        folder: holds the image files.
+        folder: holds the image files, or is a video file.
         width: width of every picture, pixels.
         height: height of every picture, pixels.
 
@@ -121,13 +126,21 @@ def load_folder(folder: Path, width: int, height: int) -> list[Picture]:
         Pictures with `rgb` (height, width, 3) uint8, RGB encoded, named by their files.
 
     Raises:
-        InputError: no such folder, no image in it, an image that cannot be read or is smaller
-            than 64x64, or a width or height below 16.
+        InputError: no such folder or video, no image in it, an image that cannot be read or is
+            smaller than 64x64, or a width or height below 16.
     """
     _check_size(width, height)
+    pictures: list[Picture] = []
+    if is_file(folder):
+        for frame in VideoReader(folder).timed_frames():
+            if frame.time >= len(pictures):
+                rgb = fit_picture(frame.image, width, height)
+                pictures.append(Picture(f"{folder.name}/{len(pictures)}", rgb))
+            if len(pictures) == MAX_TAKEN:
+                break
+        return pictures
     if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder")
-    pictures = []
+        raise InputError(f"{folder}: no such folder or video")
     for path in image_files(folder):
         source = read_image(path)
         if min(source.shape[:2]) < MIN_SOURCE_SIDE:

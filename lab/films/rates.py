@@ -1,21 +1,39 @@
 """How fast presets deliver a message from simulated hand-held video.
 
-Goodput is the message's bits over the time from the first camera frame to the delivery: finding the
-display and its clock are included. The table shows every series whose results the folder holds, so
-settings and views can be filmed one after the other.
+Each run draws a picture, a room, a pose, the motion of the hand, both clocks, and the moment of the
+loop at which the camera joins. The receiver gets the frames and their times alone. Goodput is the
+message's bits over the time from the first camera frame to the delivery: finding the display and
+its clock are included. The table shows every series whose results the folder holds, so settings and
+views can be filmed one after the other.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from itertools import product
 from pathlib import Path
+from typing import Any
 
-from data_gen.film.message import FilmSettings, check_settings
-from data_gen.pairs import PAIRS
-from lab.films.delivery import ROW_HEADS, deliveries, deliveries_row
-from lab.films.trial import Delivery, check_filmed
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from data_gen.channel.optics import check_view
+from data_gen.film.codec import through_codec
+from data_gen.film.message import FilmSettings, MessageFilm, Take, film_message
+from data_gen.pairs import PAIRS, pair_names
+from export.film_graph import FilmGraph
+from export.runtime import OWN_TIME_LIMIT_S, Decoder
 from lab.study import Results, Study, StudyFlags, Workshop
+from link.code.framing import frames_needed
 from link.errors import at_least, choose, each_once
-from reports.render.tables import Table
+from link.presets import PRESETS
+from models import FILM_GRAPH, shipped_graphs
+from receiver.decoders import PairDecoder, WindowDecoder
+from receiver.receiver import Receiver
+from reports.engine.backends import one_thread
+from reports.render.tables import Table, number, percent, share_interval
+from reports.score.intervals import wilson
+from sender.hiding import Hiding, Onlooker
 
 FAST = FilmSettings(preset="fast", state_hz=30, fps=60, n_bytes=20_000)
 """The setting "fast", a camera of 60 frames a second before the preset `fast`."""
@@ -67,6 +85,30 @@ class RatesFlags(StudyFlags):
 
 
 @dataclass(frozen=True)
+class Delivery:
+    """What became of one message."""
+
+    pair: str
+    """Camera-display pair."""
+    view_deg: float
+    """Angle between the camera and the normal of the display, degrees."""
+    run: int
+    """Number of the run among those of the pair and view."""
+    picture: str
+    """Name of the picture that carried the message."""
+    delivered: bool
+    """Whether the message came."""
+    wrong: bool
+    """Whether a message came that was not sent."""
+    seconds: float
+    """Time of the film until then, or until the run was given up, seconds."""
+    bits: int
+    """Number of bits that were decided on the way."""
+    bits_wrong: int
+    """Number of these that are wrong, each frame pair held against the one that it fits best."""
+
+
+@dataclass(frozen=True)
 class FilmSeries:
     """Films of one setting from one angle."""
 
@@ -88,6 +130,149 @@ class RatesContent:
     """One entry for each setting and view."""
 
 
+def graph_of(take: Take) -> Path:
+    """Name the exported decoder that ships for what the display of a film shows."""
+    return shipped_graphs()[take.settings.layout]
+
+
+def deliver(take: Take) -> dict[str, Any]:
+    """Film until the message comes or the loops are over.
+
+    Returns:
+        the fields of a `Delivery`.
+    """
+    one_thread()
+    decoder = Decoder(graph_of(take), 1, OWN_TIME_LIMIT_S)
+    return asdict(read_message(film_message(take), decoder, FilmGraph(FILM_GRAPH, 1)))
+
+
+def read_message(
+    filmed: MessageFilm, decoder: PairDecoder, film: WindowDecoder | None = None
+) -> Delivery:
+    """Give a film's frames to a receiver until it has the message, and say what became of it.
+
+    Args:
+        filmed: the film, whose frames are taken, and whose truth is compared with what is read.
+        decoder: decoder of the receiver.
+        film: film decoder of the receiver; None where it reads frame pairs alone.
+    """
+    take = filmed.take
+    fps, codec = take.settings.fps, take.settings.codec
+    receiver = Receiver(decoder, fps, film)
+    frames = through_codec(filmed.frames, codec, fps)
+    received: bytes | None = None
+    wrong = decided = 0
+    time = 0.0
+    while received is None:
+        frame = next(frames, None)
+        time = time if frame is None else frame.time_s
+        step = receiver.finish() if frame is None else receiver.push(frame.rgb, time)
+        for scores in (pair.soft.scores for pair in step.pairs):
+            shown = nearest_frame(scores, filmed.bits)
+            wrong += int(((scores > 0) != shown).sum())
+            decided += len(shown)
+        received = step.message.data if step.message is not None else None
+        if frame is None:
+            break
+    return Delivery(
+        pair=take.pair,
+        view_deg=take.view,
+        run=take.run,
+        picture=filmed.picture,
+        delivered=received == filmed.message,
+        wrong=received not in (None, filmed.message),
+        seconds=time,
+        bits=decided,
+        bits_wrong=wrong,
+    )
+
+
+def nearest_frame(scores: NDArray[np.float64], bits: NDArray[np.integer]) -> NDArray[np.integer]:
+    """Choose the frame pair of a loop that the scores of a frame pair fit best.
+
+    >>> nearest_frame(np.array([2.0, -1.0, 3.0]), np.array([[0, 1, 0], [1, 0, 0]])).tolist()
+    [1, 0, 0]
+
+    Args:
+        scores: (n_bits,) scores of the bits; positive means 1.
+        bits: (loop frames, n_bits) of 0 or 1.
+
+    Returns:
+        (n_bits,) bits of that frame pair.
+    """
+    return np.asarray(bits[((scores > 0) != bits).sum(axis=1).argmin()])
+
+
+def deliveries(
+    settings: FilmSettings,
+    pairs: Sequence[str],
+    views: Sequence[float],
+    runs: int,
+    seed: int,
+    workshop: Workshop,
+) -> list[Delivery]:
+    """Film a message for each pair, view and run, and let a receiver read it.
+
+    Returns:
+        what became of each, ordered by pair, view and run.
+    """
+    takes = [
+        Take(settings, pair, view, run, seed)
+        for run, view, pair in product(range(runs), views, pair_names(pairs))
+    ]
+    graphs = [graph_of(takes[0]), FILM_GRAPH]
+    found = workshop.each(deliver, {take.name: take for take in takes}, graphs)
+    made = [Delivery(**run) for run in found.values()]
+    return sorted(made, key=lambda run: (run.pair, run.view_deg, run.run))
+
+
+ROW_HEADS = (
+    "setting", "grid", "κ", "states/s", "camera fps", "bytes", "view", "delivered",
+    "95 % interval", "wrong messages", "goodput, kbit/s, median", "least", "seconds, median",
+    "bits wrong %", "contrast over threshold",
+)  # fmt: skip
+"""Heads of the columns of `deliveries_row`."""
+
+
+def deliveries_row(
+    name: str, film: FilmSettings, view: float, runs: Sequence[Delivery]
+) -> list[str]:
+    """Write what became of one setting's messages.
+
+    Args:
+        name: of the setting.
+        film: what was shown, and how it was filmed.
+        view: angle between the camera and the normal of the display, degrees.
+        runs: every run from this angle.
+    """
+    table = pd.DataFrame([vars(run) for run in runs])
+    came = table[table["delivered"]]
+    rate = 8e-3 * film.n_bytes / came["seconds"]
+    return [
+        name,
+        f"{film.layout.rows} × {film.layout.cols}",
+        str(film.kappa),
+        f"{film.state_hz:g}",
+        f"{film.fps:g}",
+        f"{film.n_bytes:,}",
+        f"{view:g}°",
+        f"{len(came)} of {len(runs)}",
+        f"{share_interval(*wilson(len(came), len(runs)), 0)} %",
+        str(int(table["wrong"].sum())),
+        f"{rate.median():.3g}" if len(came) else "–",
+        f"{rate.min():.3g}" if len(came) else "–",
+        number(came["seconds"].median(), 2),
+        percent(table["bits_wrong"].sum() / max(1, table["bits"].sum())),
+        f"{contrast_of(film.preset, film.state_hz, film.kappa):.3g}",
+    ]
+
+
+def contrast_of(preset: str, state_hz: float, kappa: int) -> float:
+    """Contrast over threshold of one block, as `sender` prints it for a preset."""
+    chosen = PRESETS[preset]
+    return Hiding(chosen.layout, state_hz, Onlooker(distance=chosen.distance_m)).seen(kappa)
+
+
 def rates_blocks(results: Mapping[str, Results[RatesContent]]) -> dict[str, str]:
     """Tabulate all series, in the order of `SETTINGS`, of the messages' lengths and the views."""
     order = list(SETTINGS)
@@ -105,13 +290,22 @@ def rates_blocks(results: Mapping[str, Results[RatesContent]]) -> dict[str, str]
     return {"rates": Table(ROW_HEADS, rows, title).markdown()}
 
 
+def check_filmed(pairs: Sequence[str], views: Sequence[float]) -> None:
+    """Raise an `InputError` for camera-display pairs and views that cannot be filmed."""
+    each_once(pairs=pair_names(pairs), views=views)
+    for view in views:
+        check_view(view, "views")
+
+
 def check_rates(flags: RatesFlags) -> None:
     """Raise an `InputError` that names the first flag with a wrong value."""
     at_least(1, runs=flags.runs)
     each_once(settings=flags.settings)
     check_filmed(flags.pairs, flags.views)
     for name in flags.settings:
-        check_settings(flags.film(name))
+        film = flags.film(name)
+        at_least(1, n_bytes=film.n_bytes)
+        frames_needed(film.n_bytes, film.layout.n_bits, "n_bytes")
 
 
 def measure_rates(flags: RatesFlags, workshop: Workshop) -> RatesContent:

@@ -44,6 +44,8 @@ DEFAULT_FPS = 30.0
 """Frames a second of a source that states none."""
 PROBED_FRAMES = 31
 """Number of frames from whose times a file's rate is measured."""
+SOUGHT_FRAMES = 1000
+"""Largest number of frames that are passed over in search of a file's end."""
 MAX_GAP_S = 60.0
 """Largest time from one frame of a file to the next that is believed, seconds."""
 CONTAINERS = (
@@ -191,6 +193,31 @@ class VideoReader:
         for image, stated in self._read():
             time = time_after(stated, time, self.rate)
             yield TimedImage(image, time)
+
+    def check_end(self) -> None:
+        """Look at the end of the file alone, which costs little however long it is.
+
+        Raises:
+            InputError: the video ends before the time that the file states.
+        """
+        video, end_s = _open_capture(self.path), 0.0
+        try:
+            video.set(cv2.CAP_PROP_POS_MSEC, 1000 * max(0.0, self._stated_s - self._slack_s))
+            for _ in range(SOUGHT_FRAMES):  # from the key frame before on
+                if not video.grab():
+                    break
+                end_s = video.get(cv2.CAP_PROP_POS_MSEC) / 1000
+            else:
+                return
+        except cv2.error:
+            end_s = 0.0
+        finally:
+            video.release()
+        if end_s + self._slack_s < self._stated_s:
+            raise InputError(
+                f"{self.path}: the video breaks off before the {self._stated_s:.1f} s that it "
+                "states; copy it again, or cut it there"
+            )
 
     def _read(self) -> Iterator[tuple[NDArray[np.uint8], float]]:
         """Give each frame and the seconds at which the file says that it is shown."""

@@ -101,7 +101,7 @@ def training_step(
         optimiser: the optimiser of these parameters.
         known: (B, N, F) float64 features of the training samples, from `PhiDecoder.summarise`.
         blocks: (B, n_bits, F) float64 features of the message blocks, from `PhiDecoder.summarise`.
-        bits: (B, n_bits) message bits, 0 or 1.
+        bits: (B, n_bits) message bits, 0 or 1, and -1 where one is not known, which does not count.
 
     Raises:
         FloatingPointError: the loss is not finite or a fit has no solution; nothing was changed.
@@ -110,6 +110,8 @@ def training_step(
         scores, _ = module.solve_and_score(known, blocks)
     except torch.linalg.LinAlgError as error:  # type: ignore[attr-defined]
         raise FloatingPointError("a fit has no solution") from error
+    counted = bits >= 0
+    scores, bits = scores[counted], bits[counted]
     loss = binary_cross_entropy_with_logits(scores, bits.float())
     if not torch.isfinite(loss):
         raise FloatingPointError("the loss is not finite")

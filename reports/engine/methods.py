@@ -1,19 +1,23 @@
 """A decoder that is compared, with its options, and the layouts that it suits."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from link.embed import embed
-from link.errors import InputError, UnsuitedError, each_once
+from link.errors import InputError, UnsuitedError, choose, each_once
 from link.frames import SoftBits
 from link.layout import Layout
 from link.observation import Mixture, Observation
 from models import BlockDecoder, Card, find_card, make_decoder
+from models.film.window import reads_films
 from models.pairwise import decode_by_pairs
+
+SWITCH = {"true": True, "false": False}
+"""Values of an option that is on or off."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,8 @@ class Method:
     """Fields of the decoder's dataclass, as (name, value)."""
     label: str = field(default="")
     """What tables call it; the name where none is given, or that of the class alone."""
+    by_pairs: bool = False
+    """Whether it reads films pair by pair even where its class reads windows."""
 
     def __post_init__(self) -> None:
         assert self.card
@@ -59,21 +65,60 @@ class Method:
     def build(self) -> BlockDecoder:
         """The decoder, which reads films by pairs that are put together if it reads pairs alone."""
         decoder = make_decoder(self.name, **dict(self.options))
-        return ByPairs(decoder) if self.card.frames == "pair" else decoder
+        return ByPairs(decoder) if self.by_pairs or self.card.frames == "pair" else decoder
 
 
 def methods_for(names: Sequence[str], checkpoint: Path | None = None) -> list[Method]:
-    """The named methods; ``learned`` gets the checkpoint, or takes what ships for each layout."""
-    options = {"learned": (("checkpoint", checkpoint),)} if checkpoint is not None else {}
-    methods = [Method(name, options.get(name, ())) for name in names]
+    """The named methods; ``learned`` gets the checkpoint, or takes what ships for each layout.
+
+    Args:
+        names: keys of `models.DECODERS` or "package.module:Class", each perhaps with options, as
+            in "oorc:C=0.1" or "linear:degree=4,smooth=false".
+        checkpoint: folder of the checkpoint of ``learned``.
+
+    Raises:
+        InputError: a name is unknown or there twice, or an option is none of its method.
+
+    >>> methods_for(["oorc", "oorc:C=0.1"])[1].options
+    (('C', 0.1),)
+    """
+    methods = []
+    for text in names:
+        name, options = _with_options(text)
+        if name == "learned" and checkpoint is not None:
+            options = (("checkpoint", checkpoint), *options)
+        methods.append(Method(name, options, label=text if "=" in text else ""))
     each_once(methods=[method.label for method in methods])
     return methods
 
 
-def suited_to_films(
-    methods: Sequence[Method], layouts: Sequence[Layout]
-) -> tuple[list[Method], list[str]]:
-    """Find the methods that can decode windows of film of all layouts, by letting them decode one.
+def _with_options(text: str) -> tuple[str, tuple[tuple[str, Any], ...]]:
+    """Take a method's name and its options apart."""
+    name, colon, settings = text.rpartition(":")
+    if not colon or "=" not in settings:
+        return text, ()
+    decoder = make_decoder(name)
+    names: list[str] = [each.name for each in fields(decoder)] if is_dataclass(decoder) else []
+    options = []
+    for setting in settings.split(","):
+        key, _, value = setting.partition("=")
+        usual = getattr(
+            decoder, choose(dict(zip(names, names, strict=True)), key, f"option of {name}")
+        )
+        if not isinstance(usual, (bool, int, float, str, type(None))):
+            raise InputError(f"method {text!r}: {key} cannot be set by its name and value")
+        kind = {bool: bool, int: int, float: float}.get(type(usual), str)
+        try:
+            options.append((key, SWITCH[value.lower()] if kind is bool else kind(value)))
+        except (ValueError, KeyError):
+            raise InputError(f"method {text!r}: {key} needs a {kind.__name__}") from None
+    return name, tuple(options)
+
+
+def suited_to_films(methods: Sequence[Method], layout: Layout) -> tuple[list[Method], list[str]]:
+    """Find the methods that can decode films of a layout, by letting them decode a part of one.
+
+    This is a window of frames, or a frame pair where films are read by these.
 
     Returns:
         the methods that suit, and a line for each that is left out.
@@ -81,22 +126,23 @@ def suited_to_films(
     Raises:
         InputError: no method suits.
     """
-    suited, notes = list(methods), {}
-    for layout in layouts:
-        gray = np.full((layout.height, layout.width), 128, np.uint8)
-        shares = np.zeros((4, 1, layout.rows, layout.cols), np.float32)
-        shares[::2], shares[1::2] = -0.5, 0.5
-        mixture = Mixture(shares, np.array([[0], [0], [1], [1]]), 2)
-        trial = Observation((gray, gray, gray, gray), layout, mixture)
-        for method in tuple(suited):
-            try:
-                method.build().decode(trial)
-            except UnsuitedError as error:
-                suited.remove(method)
-                notes[method.label] = f"{method.label}: left out, {error}"
+    if not reads_films(layout):
+        return suited_methods([m for m in methods if m.card.frames != "window"], layout)
+    suited, notes = [], []
+    gray = np.full((layout.height, layout.width), 128, np.uint8)
+    shares = np.zeros((4, 1, layout.rows, layout.cols), np.float32)
+    shares[::2], shares[1::2] = -0.5, 0.5
+    mixture = Mixture(shares, np.array([[0], [0], [1], [1]]), 2)
+    trial = Observation((gray, gray, gray, gray), layout, mixture)
+    for method in methods:
+        try:
+            method.build().decode(trial)
+            suited.append(method)
+        except UnsuitedError as error:
+            notes.append(f"{method.label}: left out, {error}")
     if not suited:
-        raise InputError(f"no method suits these films; {'; '.join(notes.values())}")
-    return suited, list(notes.values())
+        raise InputError(f"no method suits these films; {'; '.join(notes)}")
+    return suited, notes
 
 
 def suited_methods(methods: Sequence[Method], layout: Layout) -> tuple[list[Method], list[str]]:

@@ -7,18 +7,17 @@ no other method its results.
 """
 
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import singledispatch
 from pathlib import Path
 from typing import Any, Protocol
 
 import pandas as pd
-from tqdm import tqdm
 
 from data_gen.channel.optics import check_view
 from data_gen.frame_pair import Cell, FramePair, Source
-from link.captures import load_capture, read_manifest
+from link.captures import KnownWindow, load_entry, read_manifest
 from link.embed import check_kappa
 from link.errors import InputError, UnsuitedError, each_once
 from link.files.lock import locked
@@ -64,6 +63,8 @@ class Condition:
     """Camera-display pairs, views and kappas that are decoded."""
     frames: int
     """Number of observations of each cell: frame pairs, or windows of as many films."""
+    without: tuple[str, ...] = ()
+    """Labels of methods that do not suit its layout, and so do not decode it."""
 
 
 @dataclass(frozen=True)
@@ -152,8 +153,9 @@ def predict(
     ordered = tuple(sorted(methods, key=lambda method: method.card.equalised))
     tasks = []
     for condition in conditions:
-        marks = {m.label: fingerprint(condition.source, condition.frames, m) for m in ordered}
-        tasks += [Task(condition, cell, ordered, marks) for cell in condition.cells]
+        mine = tuple(method for method in ordered if method.label not in condition.without)
+        marks = {m.label: fingerprint(condition.source, condition.frames, m) for m in mine}
+        tasks += [Task(condition, cell, mine, marks) for cell in condition.cells]
     part = file.with_name(f"{file.name}.part")
     with locked(file.parent):
         stored = [*stored_predictions(file), *stored_predictions(part)]
@@ -164,7 +166,7 @@ def predict(
             found[task.key(method, index)]
             for task in whole
             for index in range(task.condition.frames)
-            for method in ordered
+            for method in task.methods
         ]
         if whole or not tasks:
             write_predictions(file, lines)
@@ -293,7 +295,8 @@ def fingerprint(source: ObservationSource, frames: int, method: Method) -> str:
     Processors are left out, and so are the names of the method and of the condition.
     """
     module = method.card.target.partition(":")[0]
-    options = [option for option in method.options if option[0] != "checkpoint"]
+    options: list[Any] = [option for option in method.options if option[0] != "checkpoint"]
+    options += ["by pairs"] * method.by_pairs
     return short_digest(
         repr((STORED_VERSION, source, frames, method.name, options)),
         code_digest(type(source).__module__, module),
@@ -312,39 +315,120 @@ def checkpoint_digest(method: Method, *layouts: Layout) -> str:
     return file_digest(files) if files else ""
 
 
+@dataclass(frozen=True)
+class EntryTask:
+    """An entry of a folder of captures, and the methods that are to decode it."""
+
+    captures: Path
+    """Folder with a manifest."""
+    index: int
+    """Number of the entry in the manifest."""
+    entry: dict[str, Any]
+    """The entry."""
+    methods: tuple[Method, ...]
+    """Methods with different labels."""
+    marks: Mapping[str, str]
+    """`captures_mark` of each method, by its label."""
+
+
+def decode_entry(task: EntryTask) -> tuple[list[Line], dict[str, str]]:
+    """Decode an entry of a folder of captures with the methods, in this process.
+
+    Returns:
+        a prediction for each method that suits, and why the others do not, by their labels.
+
+    Raises:
+        InputError: the entry is no good.
+    """
+    decoders = {method.label: method.build() for method in task.methods}
+    one_thread()
+    captured = load_entry(task.captures, task.entry)
+    film = isinstance(captured, KnownWindow)
+    seen = captured.observation if isinstance(captured, KnownWindow) else captured.rectified()
+    truth, lines, unsuited = truth_of(captured), [], {}
+    for method in task.methods:
+        try:
+            if method.card.frames == "window" and not film:
+                raise UnsuitedError("it reads windows of film")
+            line = to_line(method.label, task.index, decoders[method.label].decode(seen), truth)
+        except UnsuitedError as error:
+            unsuited[method.label] = str(error)
+            continue
+        lines.append(line | {"condition": "", "mark": task.marks[method.label]})
+    return lines, unsuited
+
+
+def captures_mark(method: Method, entry: dict[str, Any], layout: Layout) -> str:
+    """First digits of the SHA-256 of all that decides a method's prediction of a capture."""
+    module = method.card.target.partition(":")[0]
+    options: list[Any] = [option for option in method.options if option[0] != "checkpoint"]
+    options += ["by pairs"] * method.by_pairs
+    return short_digest(
+        repr((STORED_VERSION, entry, method.name, options)),
+        code_digest("link.captures", module),
+        outside_digest(module),
+        checkpoint_digest(method, layout),
+        *package_versions(),
+    )
+
+
 def decode_captures(
-    captures: Path, methods: Sequence[Method], file: Path
+    captures: Path,
+    methods: Sequence[Method],
+    file: Path,
+    backend: Backend,
+    only: Collection[int] | None = None,
 ) -> tuple[pd.DataFrame, list[str]]:
     """Decode a folder of captures, and store the predictions.
+
+    They are added to ``file``.part, entry by entry, from where a run goes on that was cut off.
 
     Args:
         captures: folder with a manifest.
         methods: methods with different labels.
         file: takes the predictions.
+        backend: where entries are decoded.
+        only: numbers of the entries that are decoded; None for all.
 
     Returns:
         the table of predictions, and a line for each method that was left out or does not suit.
 
     Raises:
-        InputError: the folder or a frame pair is no good, or no method suits it.
+        InputError: the folder or a capture is no good, or no method suits it.
     """
-    entries = read_manifest(captures)
-    lines: list[Line] = []
+    every = read_manifest(captures)
+    entries = {at: entry for at, entry in enumerate(every) if only is None or at in only}
+    part = file.with_name(f"{file.name}.part")
+    stored = [*stored_predictions(file), *stored_predictions(part)]
+    found = {(line["index"], line["method"], line["mark"]): line for line in stored}
+    tasks, keys = [], []
+    for index, entry in entries.items():
+        layout = Layout.from_dict(entry["layout"])
+        marks = {m.label: captures_mark(m, entry, layout) for m in methods}
+        keys += [(index, label, mark) for label, mark in marks.items()]
+        lack = tuple(m for m in methods if (index, m.label, marks[m.label]) not in found)
+        tasks += [EntryTask(captures, index, entry, lack, marks)] if lack else []
     notes: dict[str, str] = {}
     left_out: dict[str, int] = {}
-    decoders = {m.label: m.build() for m in methods}
-    for index, entry in enumerate(tqdm(entries, unit="pair", desc="decode")):
-        captured = load_capture(captures, entry)
-        seen, truth = captured.rectified(), truth_of(captured)
-        if captured.layout.ratex and not captured.meta.get("equalised"):
-            notes["hidden_ratex"] = "hidden_ratex: these pictures were not equalised for it"
-        for name, decoder in decoders.items():
-            try:
-                lines.append(to_line(name, index, decoder.decode(seen), truth))
-            except UnsuitedError as error:
-                left_out[name] = left_out.get(name, 0) + 1
-                notes[name] = f"{name}: left out of {left_out[name]} of {len(entries)}, {error}"
-    if not lines:
+    done = len(entries) - len(tasks)
+    with locked(file.parent), part.open("a", encoding="utf-8") as stream:
+        for outcome in run_tasks(decode_entry, tasks, backend, "decode", done):
+            if outcome.failure is not None:
+                raise InputError(outcome.failure.reason)
+            lines, unsuited = outcome.result
+            for line in lines:
+                found[line["index"], line["method"], line["mark"]] = line
+                stream.write(seal(line))
+            stream.flush()
+            for label, why in unsuited.items():
+                left_out[label] = left_out.get(label, 0) + 1
+                notes[label] = f"{label}: left out of {left_out[label]} of {len(entries)}, {why}"
+    wanted = [found[key] for key in keys if key in found]
+    if not wanted:
         raise InputError(f"{captures}: no method fits; {'; '.join(notes.values())}")
-    write_predictions(file, lines)
-    return to_records(lines), [note for name, note in notes.items() if name in decoders]
+    write_predictions(file, wanted)
+    part.unlink()
+    if any(entry["layout"].get("ratex") and not entry.get("equalised") for entry in every):
+        notes.setdefault("hidden_ratex", "hidden_ratex: these pictures were not equalised for it")
+    labels = {method.label for method in methods}
+    return to_records(wanted), [note for label, note in notes.items() if label in labels]

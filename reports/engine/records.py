@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, FiniteFloat
 
+from link.captures import KnownWindow
 from link.embed import MAX_KAPPA
 from link.errors import InputError
 from link.frames import Captured, SoftBits
@@ -78,8 +79,8 @@ class Truth:
     """True bits, 0 or 1, and -1 where one is not known."""
 
 
-def truth_of(captured: Captured) -> Truth:
-    """What is known of a frame pair."""
+def truth_of(captured: Captured | KnownWindow) -> Truth:
+    """What is known of a frame pair, or of a window of film."""
     meta: dict[str, Any] = captured.meta
     bits = np.full(captured.layout.n_bits, -1) if captured.bits is None else captured.bits
     return Truth(
@@ -87,7 +88,7 @@ def truth_of(captured: Captured) -> Truth:
         meta.get("view_deg"),
         captured.kappa,
         meta.get("picture"),
-        tuple(bits.tolist()),
+        tuple(bits.reshape(-1).tolist()),
     )
 
 

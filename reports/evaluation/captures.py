@@ -3,19 +3,28 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from link.captures import MANIFEST, read_manifest
+from link.captures import MANIFEST, is_window, read_manifest
+from reports.captured.evidence import film_evidence
+from reports.engine.backends import Backend
 from reports.engine.digest import file_digest
 from reports.engine.methods import Method
 from reports.engine.predict import decode_captures
 from reports.engine.provenance import provenance
 from reports.evaluation.evidence import USUAL, Stopwatch, capture_evidence
+from reports.evaluation.films import information_table
 from reports.render.tables import summary_table
 from reports.run import PREDICTIONS, RunFolder
 from reports.score.accuracy import score
 
 
 def evaluate_folder(
-    captures: Path, methods: Sequence[Method], folder: RunFolder, seed: int, html: bool
+    captures: Path,
+    methods: Sequence[Method],
+    folder: RunFolder,
+    seed: int,
+    backend: Backend,
+    html: bool,
+    notes: Sequence[str] = (),
 ) -> None:
     """Decode every frame pair of a manifest, score what is known, print and write the results.
 
@@ -24,19 +33,29 @@ def evaluate_folder(
         methods: methods; one that does not suit a frame pair is left out of it, and a line says so.
         folder: folder of the run; its settings are written already.
         seed: seed of the paired comparisons' resamples.
-        html: whether to write what report.html shows beside the predictions.
+        backend: where captures are decoded.
+        html: whether to write the pictures that report.html shows beside the predictions.
+        notes: what a reader must know of how the captures were recorded.
     """
     clock = Stopwatch()
     with clock.time("decoding"):
-        records, notes = decode_captures(captures, methods, folder.path / PREDICTIONS)
+        file = folder.path / PREDICTIONS
+        records, left_out = decode_captures(captures, methods, file, backend)
+    notes = [*notes, *left_out]
     print(*notes, sep="\n")
-    simulated = all(bool(entry.get("simulated")) for entry in read_manifest(captures))
+    entries = read_manifest(captures)
+    simulated = all(bool(entry.get("simulated")) for entry in entries)
     meta = provenance(seed, simulated)
-    kind = "simulated captures" if simulated else "real captures"
-    table = summary_table(score(records), f"All cells ({kind})").markdown()
-    folder.write_comparison(records, meta, table)
-    print(table, f"written: {folder.path}/predictions.jsonl, metrics.json, tables.md", sep="\n\n")
+    kind = "simulated captures" if simulated else "recorded captures"
+    tables = [summary_table(score(records), f"All cells ({kind})").markdown()]
+    if any(map(is_window, entries)):
+        tables.append(information_table(records).markdown())
+    folder.write_comparison(records, meta, "\n\n".join(tables))
+    print(*tables, f"written: {folder.path}/predictions.jsonl, metrics.json, tables.md", sep="\n\n")
+    if any("time_s" in entry for entry in entries):
+        with clock.time("counting"):
+            folder.write_films(film_evidence(captures, records, folder.path, html))
     if html:
         capture_evidence(folder, captures, records, USUAL, clock)
-        manifest = f"manifest {file_digest([captures / MANIFEST])[:16]}"
-        folder.finish(meta, clock.seconds, notes, captures=manifest)
+    manifest = f"manifest {file_digest([captures / MANIFEST])[:16]}"
+    folder.finish(meta, clock.seconds, notes, captures=manifest)

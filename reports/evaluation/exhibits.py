@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from matplotlib.figure import Figure
 
+from reports.captured.evidence import FilmSeen, Told, WrongBits
 from reports.evaluation.findings import Standing, SweptAccuracy
 from reports.render.charts import (
     INK,
@@ -25,6 +26,8 @@ TICK_DISTANCE = 0.075
 """Least distance of two ticks of a swept quantity, as a share of the axis."""
 COST_TICKS = (0.3, 1, 3, 10, 30, 100, 300)
 """Multiples of the reference's time that the axis of costs may name."""
+SEEN = "#1166b0"
+"""Colour of the display's outline."""
 GRAY_TICKS = (0, 64, 128, 192, 255)
 """Gray levels that the axes of a response name."""
 
@@ -178,3 +181,78 @@ def _ranked_costs(cost: Cost) -> dict[str, tuple[float, float, float]]:
     """Multiples by method without the reference, the quickest first."""
     timed = [(name, ratios) for name, ratios in cost.ratios.items() if name != cost.reference]
     return dict(sorted(timed, key=lambda entry: entry[1][1]))
+
+
+@in_style
+def wrong_bits_figure(counted: Sequence[WrongBits], axis: str) -> Figure:
+    """Draw the share of right bits over time, or over another quantity, a line a method.
+
+    Args:
+        counted: counts in rising order of their values, at least one.
+        axis: label of the horizontal axis.
+    """
+    figure, (panel,) = new_panels()
+    values = [entry.value for entry in counted]
+    margin = 0.03 * (max(values) - min(values)) or 0.5
+    panel.set_xlim(min(values) - margin, max(values) + margin)
+    panel.set_xlabel(axis)
+    right = [1 - entry.wrong / entry.known for entry in counted]
+    set_accuracy_axis(panel, "y", max(0.5, min(right)))
+    lines: dict[str, list[Point]] = {}
+    for entry, share in zip(counted, right, strict=True):
+        lines.setdefault(entry.method, []).append(Point(entry.value, share, share, share))
+    draw_series(panel, [Series(method, points) for method, points in lines.items()], markers=False)
+    return figure
+
+
+@in_style
+def places_figure(film: FilmSeen) -> Figure:
+    """Draw where the display was in the camera's frame, all over a film.
+
+    Args:
+        film: a film in which the display was found.
+    """
+    width, height = film.size
+    figure, (panel,) = new_panels(legend=0.1)
+    panel.set(xlim=(0, width), ylim=(height, 0), aspect="equal")
+    for number, place in enumerate(film.places):
+        x, y = zip(*[*place.corners, place.corners[0]], strict=True)
+        look = 0.25 + 0.5 * number / len(film.places)
+        panel.plot(x, y, color=SEEN, linewidth=0.9, alpha=look)
+    panel.set_xlabel("pixels of the camera’s frame")
+    return figure
+
+
+def seen_table(films: Sequence[FilmSeen]) -> Table:
+    """Tabulate what the receiver saw of each film."""
+    rows = []
+    for film in films:
+        shutter = 1000 * film.exposed / film.state_hz if film.state_hz else None
+        rows.append(
+            [
+                film.film,
+                f"{film.found} of {film.frames}",
+                f"{film.fps:g}",
+                "–" if film.state_hz is None else f"{film.state_hz:.2f}",
+                "–" if shutter is None else f"{shutter:.1f}",
+                "–" if film.level is None else f"{film.level:.0f}",
+                f"{100 * film.clipped:.1f}",
+                str(film.cut),
+            ]
+        )
+    heads = ("film", "frames with display", "frames/s", "states/s", "exposure, ms")
+    return Table((*heads, "mean level", "at limit %", "cut off"), rows)
+
+
+def told_table(told: Sequence[Told]) -> Table:
+    """Tabulate what the scores of each method tell."""
+    rows = [
+        [
+            each.method,
+            percent(each.read),
+            f"{each.information:.3f}",
+            "–" if each.bit_s is None else f"{each.bit_s:,.0f}",
+        ]
+        for each in told
+    ]
+    return Table(("method", "read %", "bits a block", "bits a second"), rows)

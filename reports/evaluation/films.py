@@ -1,6 +1,7 @@
 """The comparison of methods on simulated films, as a receiver finds, follows and times them."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import pandas as pd
 
@@ -9,6 +10,7 @@ from reports.engine.backends import Backend
 from reports.engine.methods import Method, suited_to_films
 from reports.engine.predict import Condition, paper_cells, predict
 from reports.engine.provenance import provenance
+from reports.evaluation.evidence import Stopwatch
 from reports.films import FilmSource, film_settings
 from reports.render.tables import Table, number, percent, summary_table
 from reports.run import PREDICTIONS, RunFolder
@@ -59,9 +61,16 @@ def evaluate_films(
     Returns:
         a line for each cell that failed.
     """
-    suited, notes = suited_to_films(methods, [each.source.layout for each in conditions])
+    suited, notes = [], []
+    for condition in conditions:
+        mine, left_out = suited_to_films(methods, condition.source.layout)
+        without = tuple(method.label for method in methods if method not in mine)
+        suited.append(replace(condition, without=without))
+        notes += [f"{condition.name}: {line}" for line in left_out]
     print(*notes, sep="\n", end="\n" * bool(notes))
-    predicted = predict(conditions, suited, folder.path / PREDICTIONS, backend)
+    clock = Stopwatch()
+    with clock.time("decoding"):
+        predicted = predict(suited, methods, folder.path / PREDICTIONS, backend)
     records, tables = predicted.records, []
     for condition in conditions:
         mine = records[records["condition"] == condition.name]
@@ -70,6 +79,7 @@ def evaluate_films(
         tables.append(summary_table(scores, title).markdown())
         tables.append(information_table(mine).markdown())
     meta = {**provenance(seed, simulated=True), "failed_cells": predicted.failed}
+    folder.finish(meta, clock.seconds, [*notes, *predicted.failed])
     folder.write_comparison(records, meta, "\n\n".join(tables))
     print(*tables, f"written: {folder.path}/predictions.jsonl, metrics.json, tables.md", sep="\n\n")
     return predicted.failed
@@ -79,7 +89,7 @@ def information_table(records: pd.DataFrame) -> Table:
     """Tabulate how many bits each method read at all, and what its scores tell.
 
     Args:
-        records: predictions of one condition.
+        records: predictions of one condition, or of a folder of captures.
     """
     rows = []
     for method in records["method"].unique():

@@ -3,6 +3,7 @@
 import base64
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 from markupsafe import Markup
@@ -12,6 +13,9 @@ from link.files.lock import locked
 from link.images import write_bytes
 from link.outside import inside, is_file, read_bounded
 from models import DECODERS
+from reports.ablation.page import ablation_figure, ablation_tables
+from reports.ablation.results import Ablation, compare_rows
+from reports.captured.evidence import FilmEvidence
 from reports.evaluation import exhibits
 from reports.evaluation.findings import (
     REFERENCES,
@@ -47,6 +51,8 @@ from reports.score.reliability import ALL, Curves, reliability_curves
 SECTIONS = {
     "glance": "At a glance",
     "summary": "Summary",
+    "ablation": "Ablation",
+    "films": "Films",
     "paper": "The paper’s tables",
     "sweeps": "Sweeps",
     "reliability": "Reliability",
@@ -59,6 +65,8 @@ SECTIONS = {
 }
 """Titles of the report's sections by anchor, in the order of the page; those that a run has nothing
 for are left out."""
+MOST_FILMS = 6
+"""Largest number of films that the page draws one by one."""
 MAIN, SWEPT = "main comparison", "all sweeps"
 """Names of the two conditions whose reliability the page shows."""
 
@@ -96,6 +104,8 @@ def report_page(run: Run) -> str:
     kinds = {story.kind for story in run.stories}
     cost = exhibits.cost_table(run.cost) if run.cost else None
     filled: dict[str, object] = {
+        "ablation": run.about.settings.get("ablation"),
+        "films": run.films,
         "paper": paper,
         "sweeps": sweeps,
         "reliability": curves,
@@ -118,6 +128,8 @@ def report_page(run: Run) -> str:
         well_read=WELL_READ,
         min_frames=MIN_FRAMES,
         far=FAR,
+        ablation=ablation_exhibits(run) if run.about.settings.get("ablation") else None,
+        films=film_exhibits(run.films) if run.films else None,
         paper=paper,
         sweeps=sweeps,
         reliability=calibration_table(curves) if curves else None,
@@ -136,6 +148,39 @@ def summary_chart(ranked: Sequence[Standing]) -> Markup:
     """The accuracy of each method as dots."""
     figure = exhibits.summary_figure(ranked)
     return to_svg(figure, "Accuracy of each method with its interval")
+
+
+def ablation_exhibits(run: Run) -> tuple[Markup, list[Table]]:
+    """Draw and tabulate what each part of the decoder is worth."""
+    known = run.records[run.records["known"] > 0]
+    ablation = Ablation(*compare_rows(known, run.seed))
+    kind = "simulated captures" if run.simulated else "recorded captures"
+    figure = to_svg(ablation_figure(ablation, kind), "What each part is worth")
+    return figure, ablation_tables(ablation)
+
+
+def film_exhibits(films: FilmEvidence) -> dict[str, Any]:
+    """Tables and charts of films, by the names that the template has for them."""
+    names = list(dict.fromkeys(entry.film for entry in films.times))[:MOST_FILMS]
+    found = [film for film in films.seen if film.places]
+    times = [(name, [entry for entry in films.times if entry.film == name]) for name in names]
+    return {
+        "told": exhibits.told_table(films.told),
+        "seen": exhibits.seen_table(films.seen) if found else None,
+        "times": [
+            (name, to_svg(exhibits.wrong_bits_figure(mine, "seconds"), f"Over time, {name}"))
+            for name, mine in times
+            if len({entry.value for entry in mine}) > 1
+        ],
+        "levels": to_svg(
+            exhibits.wrong_bits_figure(films.levels, "captured gray level"), "By gray level"
+        ),
+        "places": [
+            (film.film, to_svg(exhibits.places_figure(film), f"Display in {film.film}"))
+            for film in found[:MOST_FILMS]
+        ],
+        "maps": films.maps,
+    }
 
 
 def shown_settings(run: Run) -> dict[str, object]:

@@ -19,7 +19,7 @@ REFERENCE = ("pairs", "views", "kappas", "pictures", "without", "set")
 """Flags that the reference comparison, with the paper's 36 cells, leaves as they usually are."""
 OF_SIMULATION = (*REFERENCE, "frames", "sweeps", "quick", "ratex")
 """Settings that say what is simulated. They say nothing of captures from a folder."""
-LATER = ("display_size", "even", "films")
+LATER = ("ablation", "display_size", "even", "films", "sent", "photos", "camera", "view", "fps")
 """Flags that runs of before have always been without, so that their defaults are not named."""
 
 
@@ -33,7 +33,9 @@ def chosen_sweeps(config: LayoutFlags, named: Sequence[str] | None) -> tuple[str
     if named is not None:
         return tuple(named)
     usual = type(config)()
-    whole = all(getattr(config, flag) == getattr(usual, flag) for flag in REFERENCE)
+    whole = not getattr(config, "ablation", False) and all(
+        getattr(config, flag) == getattr(usual, flag) for flag in REFERENCE
+    )
     whole &= config.layout() == usual.layout()
     return tuple(SWEEPS) if whole else ()
 

@@ -14,11 +14,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from data_gen.frame_pair import Cell, FramePair, Source
-from link.captures import load_capture, read_manifest
+from link.captures import KnownWindow, load_entry, read_manifest
 from link.frames import Captured, SoftBits
 from link.images import as_rgb, write_image
 from link.layout import Layout, block_mean
 from link.types import Image
+from reports.captured.receive import pair_of_window
 from reports.engine.records import FRAME
 from reports.evaluation.reasons import explain, take_apart
 from reports.render.figures import GAIN, bits_panel
@@ -225,20 +226,47 @@ def _loaded(
 ) -> Story:
     """One frame pair of a folder of captures as a story."""
     entry = entries[index]
-    captured = load_capture(captures, entry)
+    loaded = load_entry(captures, entry)
     drawn = [by_method[name] for name in shown if name in by_method] or list(by_method.values())[:2]
+    if isinstance(loaded, Captured):
+        captured, title = loaded, f"{entry['original']} and {entry['embedded']}"
+    else:
+        number = _worst_of_window(drawn[-1], loaded)
+        captured = pair_of_window(loaded, number)
+        drawn = [_of_window(row, loaded, number) for row in drawn]
+        count = loaded.observation.mixture.count
+        title = f"{entry['window']}: frame pair {number + 1} of {count}, put together from frames"
     pictures = [*_seen(captured), *((_caption(row), _bits(captured, row)) for row in drawn)]
     where = ", ".join(
         f"{key} {captured.meta[key]}"
-        for key in ("pair", "view_deg", "picture")
+        for key in ("pair", "view_deg", "picture", "film", "time_s")
         if captured.meta.get(key)
     )
     reason = ""
     measured: dict[str, tuple[float, float]] = {}
     if kind == "failure":
         reason, measured = _what_the_capture_tells(captured, drawn[-1])
-    title = f"{entry['original']} and {entry['embedded']}"
     return Story(kind, title, where, _written(folder, f"{kind}{index}", pictures), reason, measured)
+
+
+def _worst_of_window(row: Any, window: KnownWindow) -> int:
+    """Number of the frame pair of a window with the most wrong bits that are known."""
+    bits = window.bits
+    wrong = (np.reshape(row["scores"], bits.shape) > 0) != bits
+    return int((wrong & (bits >= 0)).sum(1).argmax())
+
+
+def _of_window(row: Any, window: KnownWindow, number: int) -> dict[str, Any]:
+    """Give of the prediction of a window that of one of its frame pairs."""
+    scores, bits = (np.reshape(row[name], window.bits.shape)[number] for name in ("scores", "bits"))
+    right = int(((scores > 0) == bits)[bits >= 0].sum())
+    return {
+        **row,
+        "scores": scores,
+        "bits": bits,
+        "known": int((bits >= 0).sum()),
+        "correct": right,
+    }
 
 
 def wrong_blocks(row: Any, layout: Layout) -> NDArray[np.bool_]:

@@ -6,22 +6,30 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
+
 from data_gen.frame_pair import Source
 from export.to_onnx import export
 from link.layout import Layout
 from models import OF_PAIRS
 from models.phi.decoder import PhiDecoder
+from reports.captured.training_set import OwnSet
 from reports.engine.backends import Backend
 from reports.engine.conditions import condition_names
-from reports.engine.methods import methods_for
-from reports.engine.predict import Condition, paper_cells, predict_all
+from reports.engine.methods import Method, methods_for
+from reports.engine.predict import Condition, decode_captures, paper_cells, predict_all
 from reports.engine.provenance import provenance
+from reports.evaluation.page import write_report
 from reports.render.tables import summary_table
-from reports.run import PREDICTIONS
-from reports.score.accuracy import score, write_scores
+from reports.run import PREDICTIONS, RunFolder
+from reports.score.accuracy import score
+from reports.score.paired import compare_methods
 
 PARITY_FRAMES = 30
 """Number of synthetic frame pairs on which torch and onnxruntime must agree after the export."""
+BEFORE = "before"
+"""Label of the decoder before training, and name of the folder, in that of the run, that has it."""
 ON_PILOTS = ("naive", "oorc", "learned")
 """Methods that the final evaluation compares on layouts with pilots."""
 
@@ -65,14 +73,16 @@ def export_and_evaluate(
         Condition(name, Source(layout, "test", test.seed), paper_cells(test.pairs), test.frames)
         for name, layout in zip(condition_names(layouts), layouts, strict=True)
     ]
-    methods = methods_for(ON_PILOTS if layouts[0].pilots else OF_PAIRS, folder)
+    methods = [
+        *methods_for(ON_PILOTS if layouts[0].pilots else OF_PAIRS, folder),
+        untrained(folder),
+    ]
     model = folder / "decoder.onnx"
     with ProcessPoolExecutor(1, get_context("spawn")) as pool:  # torch exports with one thread
         exported = pool.submit(export, module, model, folder.name, PARITY_FRAMES, settings)
         records = predict_all(conditions, methods, folder / PREDICTIONS, Backend(test.jobs))
         parity = exported.result()
     scores = score(records)
-    write_scores(folder / "metrics.json", scores, provenance(test.seed, simulated=True))
     title = f"{test.name}: 0° and 45°, κ 5 and 3, held-out pictures and channel draws, simulated"
     lines = []
     for condition in conditions:
@@ -84,4 +94,71 @@ def export_and_evaluate(
         f"\n{model}: torch and onnxruntime agree on all {parity.bits} bits of {parity.frames} "
         f"synthetic frame pairs, scores within {parity.max_difference:.1e}"
     )
+    write_page(folder, records, "\n".join(lines), settings, test.seed, simulated=True)
     return "\n".join(lines)
+
+
+def evaluate_own(
+    module: PhiDecoder, captures: Path, own: OwnSet, folder: Path, settings: Mapping[str, object]
+) -> str:
+    """Export a decoder that was trained on own captures, and compare it on those held out.
+
+    Args:
+        module: the trained decoder, on the CPU.
+        captures: folder with the captures.
+        own: which of them are held out.
+        folder: holds the checkpoints; takes decoder.onnx and the files of a run.
+        settings: settings of the training, which the ONNX file carries.
+
+    Returns:
+        a table, and a line on what training has changed.
+    """
+    export(module, folder / "decoder.onnx", folder.name, PARITY_FRAMES, settings)
+    methods = [*methods_for(("naive", "oorc", "learned"), folder), untrained(folder)]
+    file = folder / PREDICTIONS
+    records, notes = decode_captures(captures, methods, file, Backend(), own.held_out)
+    text = "\n".join([held_out_table(records, "learned"), *notes])
+    write_page(folder, records, text, settings, 0, simulated=False, captures=str(captures))
+    return text
+
+
+def untrained(folder: Path) -> Method:
+    """Name the decoder as it was before the training of a folder."""
+    return Method("learned", (("checkpoint", folder / BEFORE),), BEFORE)
+
+
+def held_out_table(records: pd.DataFrame, trained: str) -> str:
+    """Tabulate held-out captures, and say what training has changed, with its interval.
+
+    Args:
+        records: predictions, by `BEFORE` among others.
+        trained: label of the trained decoder.
+    """
+    table = summary_table(score(records), "Held-out recordings").markdown()
+    paired = compare_methods(records, trained, BEFORE, np.random.default_rng(0))
+    if paired is None:
+        return table
+    return (
+        f"{table}\n\n{trained} after training against {BEFORE}, on the same captures: "
+        f"{paired.difference:+.2f} points of accuracy (95 % interval {paired.low:+.2f} to "
+        f"{paired.high:+.2f}, over {paired.frames} captures)"
+    )
+
+
+def write_page(
+    folder: Path,
+    records: pd.DataFrame,
+    tables: str,
+    settings: Mapping[str, object],
+    seed: int,
+    *,
+    simulated: bool,
+    **stated: str,
+) -> None:
+    """Write metrics.json, tables.md, run.json and report.html beside a training's predictions."""
+    meta = provenance(seed, simulated=simulated)
+    run = RunFolder(folder)
+    run.settings = dict(settings)
+    run.write_comparison(records, meta, tables)
+    run.finish(meta, {}, [f"{BEFORE}: the decoder before this training"], **stated)
+    write_report(folder)

@@ -1,16 +1,19 @@
-"""Annotated pictures of a folder of captures, one for each frame pair and method."""
+"""Annotated pictures of a folder of captures, one for each capture and method."""
 
 from pathlib import Path
 
-from link.captures import load_capture, read_manifest
+from link.captures import KnownWindow, load_entry, read_manifest
 from link.errors import UnsuitedError
 from link.images import write_image
+from reports.captured.receive import pair_of_window
 from reports.engine.methods import Method
 from reports.render.figures import annotate
 
 
 def write_annotated(captures: Path, methods: list[Method], folder: Path) -> None:
-    """Decode a folder of captures and write an annotated picture of each frame pair and method.
+    """Decode a folder of captures and write an annotated picture of each capture and method.
+
+    Of a window of film, the frame pair in its middle is decoded, put together from its frames.
 
     Args:
         captures: folder with a manifest.
@@ -18,7 +21,9 @@ def write_annotated(captures: Path, methods: list[Method], folder: Path) -> None
         folder: gets the pictures, as PNG.
     """
     for number, entry in enumerate(read_manifest(captures)):
-        captured = load_capture(captures, entry)
+        captured = load_entry(captures, entry)
+        if isinstance(captured, KnownWindow):
+            captured = pair_of_window(captured, captured.observation.mixture.count // 2)
         pair = captured.rectified()
         for method in methods:
             try:

@@ -1,21 +1,14 @@
 """Pictures of a decoded frame pair and of the response that was recovered from it."""
 
-from collections.abc import Mapping
-from pathlib import Path
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.frames import Captured, SoftBits
-from link.images import as_rgb, intensity
+from link.frames import SoftBits
+from link.images import as_rgb
 from link.layout import block_index
 from link.observation import Observation
 from link.overlay import frame_block
-from link.ratex import training_pixels
-from models.paper.common import tile_mean
-from models.paper.oorc import inverse_response
-from reports.render.charts import MUTED, colour_of, in_style, new_panels, save_png
 
 GAIN = 8.0
 """Factor by which differences between two frames are enlarged in pictures."""
@@ -83,68 +76,6 @@ def bits_panel(
             colour = RIGHT if known[row, col] == bits[row, col] else WRONG
         frame_block(panel, box, colour, thickness=3 if colour == WRONG else 1, inset=2)
     return panel
-
-
-def overview(
-    displayed: NDArray[np.uint8], captured: Captured, pair: Observation, soft: SoftBits
-) -> NDArray[np.uint8]:
-    """Set the displayed, the captured and the decoded picture side by side.
-
-    Args:
-        displayed: (H, W, 3) uint8 frame on the display, encoded.
-        captured: what the camera stored of it; the display is outlined there.
-        pair: the rectified frames.
-        soft: scores of the message blocks.
-
-    Returns:
-        (H, W, 3) uint8 RGB, encoded.
-    """
-    photo = captured.original.copy()
-    outline = captured.corners.round().astype(np.int32)
-    cv2.polylines(photo, [outline], True, RIGHT, 2, cv2.LINE_AA)
-    panels = [as_rgb(displayed), photo, bits_panel(pair, soft, captured.bits)]
-    height = min(panel.shape[0] for panel in panels)
-    gap = np.full((height, 12, 3), 255, np.uint8)
-    scaled = [
-        cv2.resize(
-            panel,
-            (round(panel.shape[1] * height / panel.shape[0]), height),
-            interpolation=cv2.INTER_AREA,
-        )
-        for panel in panels
-    ]
-    return np.hstack([scaled[0], gap, scaled[1], gap, scaled[2]])
-
-
-@in_style
-def plot_inverse_responses(
-    path: Path, cases: Mapping[str, tuple[Observation, Mapping[str, NDArray[np.float64]]]]
-) -> None:
-    """Draw g, captured to displayed intensity, as each method recovers it from each frame pair.
-
-    A head gives g up to scale and offset, so each curve is fitted to the ratex tiles (dots) by
-    those two numbers alone.
-
-    Args:
-        path: the PNG file.
-        cases: by title of a panel, the frame pair (its kappa is known), and by method the weights
-            of its Phi features.
-    """
-    figure, panels = new_panels(len(cases), columns=len(cases), title=True)
-    for panel, (title, (pair, heads)) in zip(panels, cases.items(), strict=True):
-        pixels = training_pixels(pair.layout, pair.kappa or 0)
-        tiles = tile_mean(intensity(pair.original)[pixels.y, pixels.x].astype(np.float64))
-        shown = tile_mean(pixels.rho)
-        grid = np.linspace(tiles.min(), tiles.max(), 200)
-        panel.plot(255 * tiles, shown, "o", ms=3, color=MUTED, label="ratex tiles")
-        for method, weights in heads.items():
-            g = inverse_response(weights)
-            slope, offset = np.polyfit(g(tiles), shown, 1)
-            panel.plot(255 * grid, slope * g(grid) + offset, label=method, color=colour_of(method))
-        panel.set(title=title, xlabel="captured intensity", ylabel="displayed intensity")
-        panel.set(xlim=(0, 255), ylim=(-10, 265))
-        panel.legend(loc="upper left", bbox_to_anchor=(1.0, 1.02))
-    save_png(figure, path)
 
 
 def _enlarge(panel: NDArray[np.uint8], height: int) -> NDArray[np.uint8]:

@@ -6,16 +6,14 @@ from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
-from conftest import Command, MakeOnce, Refuses, cases, run_process
+from conftest import Command, MakeOnce, Refuses, run_process
 
 import data_gen.__main__ as data_gen_cli
 import evaluate
 import export.runtime as runtime_cli
 from export.runtime import Decoder
-from link.captures import MANIFEST, load_capture, read_manifest
 from link.frames import Captured
 from link.images import write_image
 from models import OF_PAIRS, PRETRAINED
@@ -116,26 +114,7 @@ def test_corners_that_do_not_fit_are_refused(
     refuses("export.runtime", [*FILES, *alone], "--corners", folder=images)
 
 
-def test_runtime_refuses_a_truncated_model(images: Path, tmp_path: Path, refuses: Refuses) -> None:
-    (tmp_path / "cut.onnx").write_bytes(FILES[0].read_bytes()[:30_000])
-    said = "cut.onnx: not a readable ONNX model"
-    refuses("export.runtime", [tmp_path / "cut.onnx", *FILES[1:]], said, folder=images)
-
-
 # python -m data_gen, then evaluate.py --captures
-
-
-@pytest.mark.slow
-def test_data_gen_writes_captures_with_a_manifest(captures: Path) -> None:
-    entries = read_manifest(captures)
-    assert len(entries) == 2
-    for number, entry in enumerate(entries):
-        assert entry["original"] == f"{number:05d}_original.png"
-        assert (entry["pair"], entry["view_deg"], entry["kappa"]) == ("sony-lg", 20.0, 5)
-        assert entry["simulated"] is True
-        loaded = load_capture(captures, entry)  # checks the sha256
-        assert loaded.bits.shape == (loaded.layout.n_bits,)
-    assert len(list(captures.iterdir())) == 5  # nothing left over
 
 
 @pytest.mark.slow
@@ -181,55 +160,9 @@ def test_data_gen_does_not_write_into_other_captures(captures: Path, refuses: Re
 # Bad captures and folders
 
 
-def changed(captures: Path, folder: Path, **changes: object) -> Path:
-    """A copy of the captures whose first entry has other fields."""
-    folder.mkdir()
-    for file in captures.iterdir():
-        (folder / file.name).write_bytes(file.read_bytes())
-    entries = [{**entry, **changes} for entry in read_manifest(captures)]
-    (folder / MANIFEST).write_text("".join(json.dumps(entry) + "\n" for entry in entries))
-    return folder
-
-
-LAYOUT = {"rows": 8, "cols": 8, "width": 512, "height": 384}
-
-
-@cases(
-    ({"original": "00000_embedded.png"}, "differs from the manifest's sha256"),
-    ({"bits": [1] * 58}, "the layout carries 59, the manifest lists 58"),
-    ({"layout": {"rows": 8}}, "layout: need the keys"),
-    ({"layout": {**LAYOUT, "ratex": [[float("inf"), 0]]}}, "line 1, layout.ratex"),
-)
-def test_evaluate_refuses_captures_with_a_wrong_field(
-    changes: dict[str, object], part: str, captures: Path, tmp_path: Path, refuses: Refuses
-) -> None:
-    folder = changed(captures, tmp_path / "in", **changes)
-    words = ["--captures", folder, "--out", tmp_path / "out", "--methods", "naive"]
-    refuses("evaluate", words, part, began=True, folder=folder)
-
-
-def test_evaluate_refuses_a_folder_with_another_run(
-    tmp_path: Path, command: Command, refuses: Refuses
-) -> None:
-    small = ["--pairs", "canon-lg", "--views", 0, "--kappas", 5, "--methods", "naive", "--jobs", 1]
-    small += ["--no-html", "--out", tmp_path]
-    command(evaluate.main, *small, "--frames", 1)
-    said = "--out", "holds a run with other settings"
-    refuses("evaluate", [*small, "--frames", 2], *said, folder=tmp_path)
-
-
 def test_a_refused_run_does_not_occupy_its_folder(
     captures: Path, tmp_path: Path, command: Command
 ) -> None:
     command(evaluate.main, "--captures", tmp_path / "typo", "--out", tmp_path / "out", status=2)
     flags = ("--methods", "naive", "--no-html")
     command(evaluate.main, "--captures", captures, "--out", tmp_path / "out", *flags)
-
-
-def test_a_gray_png_is_read_as_rgb(images: Path, tmp_path: Path, command: Command) -> None:
-    for name in ("ro.png", "re.png"):
-        gray = cv2.imread(str(images / name), cv2.IMREAD_GRAYSCALE)
-        assert cv2.imwrite(str(tmp_path / name), gray)
-    files = PRETRAINED / "decoder.onnx", tmp_path / "ro.png", tmp_path / "re.png"
-    done = command(runtime_cli.main, *files)
-    assert done.stderr == ""

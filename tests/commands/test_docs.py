@@ -1,4 +1,4 @@
-"""The code that the documents show runs as it stands, from the first block to the last."""
+"""The documents: links lead somewhere, commands exist, and code runs from the first block on."""
 
 import re
 import sys
@@ -8,14 +8,20 @@ import numpy as np
 import pytest
 from conftest import ROOT, run_process
 
+from lab.__main__ import STUDIES
 from link.images import write_image
 
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"\]\(((?!https?:)[^)\s]+)\)")
+COMMAND = re.compile(r"python -m ([a-z_][\w.]*\w)")
 HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 SHOWN = {file: BLOCK.findall(file.read_text()) for file in sorted((ROOT / "docs").glob("*.md"))}
 del SHOWN[ROOT / "docs" / "embed.md"]  # tests/web/test_package.py runs it without the checkout
+TAG = "results-2026-11"
+"""Tag of the commit that measured what the repository no longer measures."""
+FOREIGN = ("venv", "pip", "http.server")
+"""Modules of Python's own that the documents run."""
 
 
 def anchors(page: Path) -> set[str]:
@@ -35,6 +41,27 @@ def test_every_link_of_a_page_leads_to_a_file_and_a_heading(page: Path) -> None:
         assert not anchor or anchor in anchors(file), link
 
 
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "CONTRIBUTING.md"], ids=lambda page: page.name)
+def test_every_command_exists(page: Path) -> None:
+    text = page.read_text("utf-8")
+    missing = {name for name in COMMAND.findall(text) if not is_command(name)}
+    assert not missing or TAG in text, f"{page.name}: no module {sorted(missing)}"
+    assert set(re.findall(r"python -m lab ([a-z_]+)", text)) <= set(STUDIES), page.name
+
+
+def is_command(name: str) -> bool:
+    """Whether a module that can be run has this name."""
+    path = ROOT / name.replace(".", "/")
+    return name in FOREIGN or path.with_suffix(".py").is_file() or (path / "__main__.py").is_file()
+
+
+def test_the_frozen_commands_are_gone() -> None:
+    answered = (ROOT / "docs" / "answered.md").read_text("utf-8")
+    frozen = set(re.findall(r"\| `(reports\.[\w.]+)", answered))
+    assert len(frozen) >= 11
+    assert not [name for name in frozen if is_command(name)]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "file", [file for file, found in SHOWN.items() if found], ids=lambda f: f.name
@@ -46,7 +73,7 @@ def test_the_code_of_a_document_runs(file: Path, tmp_path: Path) -> None:
     run_process(sys.executable, "script.py", cwd=tmp_path, **variables)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive  # those of the README are run in CI
 def test_the_commands_of_the_receiver_run(tmp_path: Path) -> None:
     shown = (ROOT / "docs" / "receiver.md").read_text()
     script = "".join(re.findall(r"^```bash\n(.*?)^```$", shown, re.DOTALL | re.MULTILINE))

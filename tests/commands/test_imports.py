@@ -160,20 +160,6 @@ def test_the_contract_and_the_runtime_import_next_to_nothing(file: Path) -> None
     assert foreign <= MINIMAL
 
 
-@pytest.mark.parametrize(
-    "file", [f for f in sources() if f.parts[:2] == ("models", "paper")], ids=str
-)
-def test_methods_of_the_paper_import_no_torch(file: Path) -> None:
-    assert not packages_of(file) & {"torch", "kornia"}
-
-
-def test_decoders_are_looked_up_among_the_models() -> None:
-    for card in DECODERS.values():
-        module = card.target.partition(":")[0]
-        assert (ROOT / module.replace(".", "/")).with_suffix(".py").is_file()
-        assert module.startswith("models.")
-
-
 BLOCK = """
 import sys
 class Blocked:

@@ -190,7 +190,7 @@ EVALUATE = "--pairs canon-lg --frames 1 --jobs 1 --views 0 --kappas 5 --methods 
 @cases(
     ("evaluate", EVALUATE, "run", ""),
     ("train", "--episodes 1 --jobs 1", "run", ""),
-    ("lab.__main__", "visibility", "run", ""),
+    ("lab.__main__", "rates", "run", ""),
     ("data_gen.__main__", "--frames 1", "captures", ""),
     ("data_gen.video", FILM_OF_ONE_FRAME, "film", ""),
     ("data_gen.video", FILM_OF_ONE_FRAME, "film.mkv", "film.jsonl"),

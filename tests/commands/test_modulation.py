@@ -32,7 +32,6 @@ from reports.engine.methods import Method, suited_methods
 from reports.engine.records import read_predictions
 from reports.evaluation.settings import decisive_settings
 from reports.evaluation.sweeps import sweep_conditions
-from reports.evaluation.versus import compare_runs
 
 FINE = ("--rows", 12, "--cols", 16, "--modulation", "antipodal", "--pilots", "auto")
 FINE_LAYOUT = make_layout(12, 16, modulation="antipodal", pilots=32)
@@ -260,15 +259,6 @@ def test_methods_that_train_on_what_the_layout_lacks_are_left_out() -> None:
     assert [method.name for method in suited] == ["blind", "hidden_ratex"]
     for name, note in zip(("naive", "oorc", "phi", "learned"), notes, strict=True):
         assert note.startswith(f"{name}: left out, it trains on ratex patches or pilots")
-
-
-@pytest.mark.slow
-def test_runs_on_other_modulations_are_not_compared(tmp_path: Path, command: Command) -> None:
-    for name, flags in (("a", ()), ("b", ("--modulation", "antipodal"))):
-        words = [*TINY, "--methods", "naive", *flags, "--out", tmp_path / name]
-        command(evaluate.main, *words)
-    with pytest.raises(InputError, match=r"has modulation None and .* has antipodal; paired tests"):
-        compare_runs(tmp_path / "a", tmp_path / "b")
 
 
 def test_the_sweep_of_patches_keeps_the_rest_of_the_layout() -> None:

@@ -14,7 +14,6 @@ from data_gen.effects import parse_settings
 from export.onnx_file import MAX_FIELDS, MAX_NODES
 from export.runtime import MAX_MEMORY_BYTES, MAX_MODEL_BYTES, TIME_LIMIT_S
 from export.watchdog import GRACE_S
-from lab.recorded import read_sent
 from link import cli, images, layout, outside
 from link.errors import InputError, ParameterError
 from link.images import read_image, size, write_bytes
@@ -23,8 +22,9 @@ from link.layout import Layout, make_layout
 from link.outside import inside, parse_json, read_bounded, read_json
 from models.phi.checkpoint import MAX_STATE_BYTES, MAX_WEIGHTS_BYTES
 from receiver.locate.find import locate
+from reports.captured.sent import read_settings
 from reports.engine.digest import ROOT
-from reports.run import RunFolder, Story
+from reports.run import RunFolder
 
 FILES = ("run.json", "predictions.jsonl", "metrics.json", "stories.json", "config.json")
 
@@ -46,27 +46,6 @@ def test_a_whole_run_is_read(run: Path) -> None:
     read = RunFolder(run).read()
     assert len(read.records) == 15
     assert read.stories[0].pictures == [("stories/a.jpg", "caption")]
-
-
-@pytest.mark.parametrize("kind", ["absolute", "climbing", "link", "linked folder", "nul", "empty"])
-def test_pictures_of_a_stored_run_lie_inside_it(run: Path, kind: str) -> None:
-    secret = run.parent / "secret"
-    secret.mkdir()
-    (secret / "key.txt").write_text("secret")
-    (run / "stories" / "link.jpg").symlink_to(secret / "key.txt")
-    (run / "elsewhere").symlink_to(secret)
-    name = {
-        "absolute": str(secret / "key.txt"),
-        "climbing": "stories/../../secret/key.txt",
-        "link": "stories/link.jpg",
-        "linked folder": "elsewhere/key.txt",
-        "nul": "stories/a.jpg\0",
-        "empty": "",
-    }[kind]
-    RunFolder(run).write_stories([Story("strip", "title", "where", [(name, "caption")])])
-    said = refused(run)
-    assert "stories.json" in said
-    assert "leads out of" in said or "need the name of a file" in said
 
 
 @cases(
@@ -173,7 +152,16 @@ def test_a_link_that_leads_to_itself_is_no_way_out(tmp_path: Path) -> None:
         read_image(tmp_path / "loop")
 
 
-@cases("drift", "drift=", "drift=NaN", "drift=1e999", "drift=" + "[" * 10**5, "a=" + "9" * 5000)
+@cases(
+    "drift",
+    "drift=",
+    "panel=VA",
+    "drift=0.1.2",
+    "drift=NaN",
+    "drift=1e999",
+    "drift=" + "[" * 10**5,
+    "a=" + "9" * 5000,
+)
 def test_settings_beyond_bounds_name_their_flag(text: str) -> None:
     with pytest.raises(ParameterError, match=r"^--set: need name=value") as error:
         parse_settings([text])
@@ -202,10 +190,10 @@ DEEP = "[" * 10**5
 def test_what_was_sent_is_read_through_the_door(content: str, tmp_path: Path) -> None:
     file = tmp_path / "sent.json"
     file.write_text(f'{{"layout": {SENT_LAYOUT}, "kappa": 3, "frames": 4}}')
-    assert read_sent(tmp_path) == (make_layout(), 3)
+    assert read_settings(tmp_path) == (make_layout(), 3)
     file.write_text(content)
     with pytest.raises(InputError, match=r"^--sent: \S*sent.json is missing or damaged \(.*\); "):
-        read_sent(tmp_path)
+        read_settings(tmp_path)
 
 
 def test_the_page_on_security_states_the_limits_of_the_code() -> None:

@@ -25,7 +25,6 @@ from data_gen.film.scenes import SceneSettings, draw_scene
 from data_gen.film.stream import VideoSettings
 from data_gen.pairs import PAIRS, get_pair
 from data_gen.parameters import Pair
-from link.embed import embed
 from link.frames import Captured, Displayed
 from link.layout import make_layout
 from link.types import Array, Image
@@ -55,7 +54,7 @@ def inside(captured: Captured) -> bool:
     return bool((captured.corners >= -0.5).all() and (captured.corners <= high).all())
 
 
-@pytest.mark.parametrize("view", [0.0, 45.0, 75.0])
+@pytest.mark.parametrize("view", [0.0, 75.0])
 @pytest.mark.parametrize("name", PAIRS)
 def test_every_pair_films_the_picture_inside_the_image(
     name: str, view: float, displayed: Displayed
@@ -102,16 +101,6 @@ def test_a_gray_picture_is_filmed_as_its_rgb_twin() -> None:
     both = [film(PAIRS["canon-lg"], shown, 10.0) for shown in (gray, rgb)]
     assert np.array_equal(both[0].embedded, both[1].embedded)
     assert np.array_equal(both[0].original, both[1].original)
-
-
-@cases((384, 512), (517, 389), (800, 200))
-def test_a_picture_of_another_shape_is_filmed_whole(width: int, height: int) -> None:
-    layout = make_layout(4, 4, width, height, 2)
-    picture = np.full((height, width, 3), 128, np.uint8)
-    shown = embed(picture, np.zeros(layout.n_bits, int), layout, 5)
-    captured = film(get_pair("canon-lg"), shown, 30.0)
-    assert inside(captured)
-    assert abs(float(captured.rectified().original[5:-5, 5:-5].mean()) - 100) < 80
 
 
 def test_doubling_the_exposure_doubles_the_captured_light_until_saturation() -> None:

@@ -66,18 +66,6 @@ def test_white_falls_faster_on_the_tn_than_on_the_ips_displays(camera: str, ips:
     assert np.all(np.diff(ratio, axis=0) < 0)
 
 
-def test_captured_energy_falls_with_the_angle_and_faster_for_the_tn() -> None:
-    def energy(name: str, view: float) -> float:
-        return float(film(only(name, "angle"), even_scene(200), view).original.mean())
-
-    views = (0.0, 20.0, 40.0, 60.0)
-    tn = np.array([energy("canon-samsung", view) for view in views])
-    ips = np.array([energy("canon-imac", view) for view in views])
-    assert np.all(np.diff(tn) < 0)
-    assert np.all(np.diff(ips) < 0)
-    assert np.all(np.diff(tn / ips) < 0)
-
-
 @pytest.mark.parametrize("degrees", [0.0, 30.0, 60.0, 75.0])
 @pytest.mark.parametrize("name", DISPLAYS)
 def test_light_rises_with_rho_up_to_the_clip_and_stays_there(name: str, degrees: float) -> None:

@@ -8,7 +8,7 @@ import torch
 from conftest import cases
 
 from data_gen import frame_pair
-from data_gen.effects import EFFECTS, switch_off, with_parameter
+from data_gen.effects import switch_off, with_parameter
 from data_gen.episodes import EpisodePlan, EpisodeSet, simulate_episodes
 from data_gen.frame_pair import Cell, FramePair, Source, shuffled_pictures
 from data_gen.pairs import PAIRS
@@ -130,13 +130,6 @@ def test_parameters_are_set_after_effects_are_switched_off() -> None:
     assert source.pair("canon-lg").frontal.noise_scale == 2.0
 
 
-def test_a_source_without_any_effect_films_what_it_displays() -> None:
-    source = Source(SMALL, without=tuple(EFFECTS))
-    pair = FramePair(source, OBLIQUE, 1)
-    assert np.array_equal(pair.captured.original, pair.displayed.original)
-    assert np.array_equal(pair.captured.embedded, pair.displayed.embedded)
-
-
 @cases(
     Source(SMALL, without=("noise",)),
     Source(SMALL, parameters=(("jpeg_quality", 60),)),
@@ -156,24 +149,7 @@ def test_kappa_of_the_ratex_patches_reaches_the_receiver() -> None:
     assert captured.rectified().ratex_toggle == 12
 
 
-def test_the_same_seed_gives_the_same_bytes_and_another_does_not() -> None:
-    first, again, other = (filmed(Source(SMALL, seed=seed), OBLIQUE, 0) for seed in (1, 1, 2))
-    assert same(first, again)
-    for frames in ((first.original, other.original), (first.embedded, other.embedded)):
-        assert frames[0].tobytes() != frames[1].tobytes()
-
-
 # Pictures of a source
-
-
-def test_train_and_test_share_no_picture() -> None:
-    train, test = (
-        {picture.name for picture in shuffled_pictures(Source(SMALL, split))}
-        for split in ("train", "test")
-    )
-    assert len(train) == 20
-    assert len(test) == 15
-    assert train.isdisjoint(test)
 
 
 @pytest.mark.parametrize("split", ["train", "test"])
@@ -225,12 +201,6 @@ def test_episodes_are_batches_of_rectified_frames(episodes: EpisodeSet) -> None:
 def test_episodes_do_not_depend_on_the_number_of_jobs(episodes: EpisodeSet) -> None:
     again = simulate_episodes(Source(SMALL, "train"), ("canon-lg", "nikon-imac"), PLAN, 2)
     assert equal(episodes, again)
-
-
-def test_another_seed_gives_other_episodes(episodes: EpisodeSet) -> None:
-    other = simulate_episodes(Source(SMALL, "train", 1), ("canon-lg", "nikon-imac"), PLAN, 1)
-    assert not equal(episodes, other)
-    assert not torch.equal(episodes.bits, other.bits)
 
 
 def test_views_and_kappas_of_the_episodes_follow_the_plan(monkeypatch: pytest.MonkeyPatch) -> None:

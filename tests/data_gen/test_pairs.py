@@ -79,12 +79,6 @@ def test_white_at_30_degrees_keeps_what_the_worst_of_phones_lost() -> None:
     assert DISPLAYS["samsung"].washout > DISPLAYS["lg"].washout > DISPLAYS["imac"].washout
 
 
-def test_unknown_pair_lists_the_valid_names() -> None:
-    with pytest.raises(InputError) as error:
-        get_pair("canon-sony")
-    assert all(name in str(error.value) for name in ("canon-sony", *PAIRS, *TODAY))
-
-
 # Pairs of today
 
 

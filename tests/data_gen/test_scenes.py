@@ -24,7 +24,6 @@ from data_gen.channel.optics import (
 )
 from data_gen.channel.stills import draw_shots
 from data_gen.effects import with_parameter
-from data_gen.film.passer import draw_passer
 from data_gen.film.rooms import ROOMS
 from data_gen.film.scenes import PaintedRoom, Scene, SceneSettings, draw_scene
 from data_gen.pairs import get_pair
@@ -217,18 +216,6 @@ def test_a_window_surrounds_the_picture() -> None:
         means.append(ring.mean())
     assert max(means) > 0.5  # a white surround
     assert min(means) < 0.2
-
-
-def test_a_passer_by_covers_what_he_covers() -> None:
-    image = np.full((180, 320, 3), 0.5, np.float32)
-    passer = draw_passer(80, 150, 0.01, np.random.default_rng(0))
-    passer.lay_over(image, 100, 40)
-    assert (image[150:170, 130:150] < 0.1).all()
-    assert np.array_equal(image[:, :95], np.full((180, 95, 3), 0.5, np.float32))
-    before = image.copy()
-    for x, y in ((-200, 0), (400, 0), (0, 500)):
-        passer.lay_over(image, x, y)
-    assert np.array_equal(image, before)
 
 
 # Depth

@@ -1,25 +1,7 @@
 """Effects and parameters by name, in the code and on the command line."""
 
-import pytest
-
-from data_gen.effects import EFFECTS, parameter_names, parse_settings, switch_off, with_parameter
+from data_gen.effects import EFFECTS, parameter_names, parse_settings, with_parameter
 from data_gen.pairs import get_pair
-from link.errors import InputError
-
-
-def test_an_unknown_effect_lists_the_valid_ones() -> None:
-    with pytest.raises(InputError, match="unknown effect 'fog'") as error:
-        switch_off(get_pair("canon-lg"), ["noise", "fog"])
-    assert all(effect in str(error.value) for effect in EFFECTS)
-
-
-def test_an_unknown_parameter_lists_the_valid_ones() -> None:
-    with pytest.raises(InputError, match="unknown parameter 'fog'") as error:
-        with_parameter(get_pair("canon-lg"), "fog", 1.0)
-    names = str(error.value).split("choose from ")[1].split(", ")
-    assert set(names) == parameter_names(get_pair("canon-lg"))
-    assert {"drift", "gamma", "blur_px", "corner_px", "crosstalk"} <= set(names)
-    assert not {"name", "camera", "frontal"} & set(names)
 
 
 def test_every_effect_sets_parameters_that_exist() -> None:

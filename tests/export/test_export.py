@@ -12,7 +12,7 @@ import onnx
 import onnxruntime
 import pytest
 import torch
-from conftest import Command, cases, refusal, run_process, slow
+from conftest import cases, refusal, run_process, slow
 from numpy.typing import NDArray
 from tolerances import ONNX_SCORE
 
@@ -63,12 +63,12 @@ def shipped_model() -> bytes:
 
 @pytest.fixture(scope="module")
 def unseen(layout: Layout) -> list[Observation]:
-    """24 frame pairs of all nine pairs, a third at each size."""
+    """15 frame pairs of all nine pairs, a third at each size."""
     source = Source(layout, seed=UNSEEN_SEED)
     pairs = []
-    for index in range(24):
+    for index in range(15):
         cell = Cell(list(PAIRS)[index % 9], 5.0 * (index % 12), 1 + index % 6)
-        width, height = SIZES[index // 8]
+        width, height = SIZES[index // 5]
         captured = FramePair(source, cell, index).captured
         pairs.append(replace(captured, layout=replace(layout, width=width, height=height)))
     return [captured.rectified() for captured in pairs]
@@ -91,7 +91,7 @@ def test_torch_and_onnxruntime_agree_on_unseen_frames_of_any_size(
         assert np.array_equal(theirs.bits, ours.bits)
 
 
-@pytest.mark.parametrize("start", [0, 8, 16])
+@pytest.mark.parametrize("start", [0, 5, 10])
 def test_torch_and_onnxruntime_agree_on_a_batch(
     module: PhiDecoder, model: bytes, unseen: list[Observation], start: int
 ) -> None:
@@ -168,12 +168,6 @@ def test_an_export_with_parity_leaves_the_model_alone(
     assert parity.holds
     assert [file.name for file in tmp_path.iterdir()] == ["decoder.onnx"]
     assert (tmp_path / "decoder.onnx").read_bytes() == model
-
-
-def test_shipped_folders_get_no_file_unasked(command: Command) -> None:
-    done = command(to_onnx.main, PRETRAINED, status=2)
-    assert "error: --out: " in done.stderr
-    assert "ships as it is; name the new .onnx file" in done.stderr
 
 
 # What the file carries
@@ -491,12 +485,6 @@ def test_work_that_ends_in_time_is_left_alone_and_late_work_is_asked_to_stop() -
     assert not asked.wait(0.5)
 
 
-@pytest.mark.parametrize("threads", [0, -1, 257, 99_999_999_999])
-def test_a_number_of_threads_out_of_range_is_refused(threads: int) -> None:
-    with pytest.raises(InputError, match=r"threads: need 1 to 256"):
-        Decoder(PRETRAINED / "decoder.onnx", threads=threads)
-
-
 def flipped(model: bytes, seed: int) -> bytes:
     """One to four bits flipped anywhere in the file."""
     rng = np.random.default_rng(seed)
@@ -600,23 +588,6 @@ def test_the_smallest_frame_that_fits_is_decoded(
     np.testing.assert_allclose(
         soft.scores, decode_with(module, pair).scores, rtol=0, atol=ONNX_SCORE
     )
-
-
-@cases(
-    ([[10, 10], [500, 10], [500, 370], [10, np.nan]], "four finite points"),
-    ([[10, 10], [500, 10], [500, 370], [10, np.inf]], "four finite points"),
-    ([[-5, 10], [500, 10], [500, 370], [10, 370]], "outside the 512x384 image"),
-    ([[10, 10], [512, 10], [500, 370], [10, 370]], "outside the 512x384 image"),
-    ([[10, 10], [500, 10], [500, 370]], "four finite points"),
-    ([[10, 10], [10, 370], [500, 370], [500, 10]], "not a convex quadrilateral"),
-    ([[10, 10], [12, 10], [12, 12], [10, 12]], "covers only 4 square pixels"),
-    ([[10, 10], [500], [500, 370], [10, 370]], "four"),
-    ("top left", "four"),
-)
-def test_corners_that_do_not_fit_are_refused(
-    corners: object, message: str, shipped: Decoder
-) -> None:
-    assert message in refusal(lambda: shipped.decode(FRAME, FRAME, corners))
 
 
 def test_captured_frames_of_two_sizes_are_refused(shipped: Decoder, captured: Captured) -> None:

@@ -10,15 +10,15 @@ from conftest import ROOT, Command
 
 from data_gen.frame_pair import Cell, Source
 from lab import __main__ as lab
-from lab.ablation.page import ablation_figure, ablation_tables
-from lab.ablation.results import Ablation
-from lab.ablation.study import STUDY, compare_rows
-from lab.ablation.switches import ADDED, REMOVED, ROWS, row_method
+from lab.ablation import STUDY
 from lab.study import Results, read_results, write_results
 from link.layout import Layout
 from models.phi.checkpoint import save_checkpoint
 from models.phi.config import FULL, DecoderConfig
 from models.phi.decoder import PhiDecoder
+from reports.ablation.page import ablation_figure, ablation_tables
+from reports.ablation.results import Ablation, compare_rows
+from reports.ablation.switches import ADDED, REMOVED, ROWS, row_method
 from reports.engine.conditions import SETTINGS, named_condition
 from reports.engine.records import to_records
 

@@ -76,7 +76,8 @@ def test_the_commands_of_the_readme_run(tmp_path: Path) -> None:
     script = re.sub(r"--frames (10|5|3)\b", "--frames 1", script)
     for said, run in (
         ("--pairs canon-lg nikon-samsung --views 0 45 --kappas 5 3", f"{FEW} canon-lg"),
-        ("--pairs sony-lg", f"{FEW} sony-lg"),
+        ("--pairs sony-lg", f"{FEW} sony-lg --no-html"),
+        ("--films hidden:60", "--films robust:30 --methods naive film"),
         ("to_onnx --layout", f"to_onnx {tmp_path}/plain --parity-frames 1 --layout"),
     ):
         assert script.count(said) == 1

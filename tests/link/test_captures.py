@@ -90,15 +90,6 @@ def test_pilots_and_modulation_come_back(tmp_path: Path, modulation: str) -> Non
     assert (written.get("modulation", "on_off"), written["pilots"]) == (modulation, 3)
 
 
-def test_a_simulated_capture_comes_back_as_it_was_saved(captured: Captured, tmp_path: Path) -> None:
-    save_captures(tmp_path, iter([captured]))
-    (loaded,) = load(tmp_path)
-    np.testing.assert_array_equal(loaded.original, captured.original)
-    np.testing.assert_array_equal(loaded.embedded, captured.embedded)
-    np.testing.assert_array_equal(loaded.bits, captured.bits)
-    assert (loaded.kappa, loaded.meta) == (captured.kappa, captured.meta)
-
-
 def test_unknown_bits_are_null_in_the_file_and_minus_one_in_memory(folder: Path) -> None:
     known, unknown = read_manifest(folder)
     assert known["bits"] == [0, 1, None, 1, 0, 0, None, 1, 1, 1, 0, 0, 1, 0]
@@ -284,29 +275,6 @@ def test_lines_of_a_manifest_end_at_line_feeds_alone(folder: Path) -> None:
 def test_brackets_in_texts_do_not_count_as_depth(folder: Path) -> None:
     rewrite(folder, picture="[" * 100 + '\\"' + "{" * 100)
     assert load(folder)[0].meta["picture"].startswith("[[")
-
-
-def test_a_missing_image_is_named(tmp_path: Path) -> None:
-    for path in (tmp_path / "nowhere.png", tmp_path):
-        with pytest.raises(InputError, match=f"{path.name}: no such image file"):
-            read_image(path)
-
-
-@pytest.mark.parametrize("content", [b"", b"these are words, not pixels", b"\x89PNG\r\n\x1a\n"])
-def test_a_file_that_is_no_image_is_named(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "words.png"
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=r"words\.png: not a readable image"):
-        read_image(path)
-
-
-@pytest.mark.parametrize("suffix", [".png", ".jpg"])
-def test_half_an_image_is_refused(tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"half{suffix}"
-    write_image(path, UNKNOWN.original)
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    with pytest.raises(InputError, match=rf"half{suffix}: not a readable image"):
-        read_image(path)
 
 
 @pytest.mark.parametrize("size", [(1, 1), (15, 200), (200, 15)])

@@ -12,7 +12,7 @@ from conftest import ROOT, cases, run_process
 from link.cli import run_cli
 from link.embed import check_kappa
 from link.errors import InputError, ParameterError, at_least, each_once
-from link.layout import make_layout, read_layout
+from link.layout import make_layout
 
 
 def printed(error: BaseException, capsys: pytest.CaptureFixture[str]) -> str:
@@ -140,14 +140,3 @@ def test_a_parameters_error_crosses_from_process_to_process() -> None:
         "kappa",
         "kappa: too large",
     )
-
-
-@pytest.mark.parametrize("text", ["", "{", "[]", '{"rows": 8}', "\xff", "[" * 10**5, "9" * 5000])
-def test_a_file_without_a_layout_is_named(text: str, tmp_path: Path) -> None:
-    path = tmp_path / "layout.json"
-    path.write_bytes(text.encode("latin-1"))
-    with pytest.raises(InputError, match=r"layout\.json: no layout there"):
-        read_layout(path)
-    path.unlink()
-    with pytest.raises(InputError, match=r"layout\.json: no layout there"):
-        read_layout(path)

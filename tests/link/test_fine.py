@@ -240,11 +240,6 @@ def test_fine_messages_that_do_not_fit_are_refused(
         encode(bytes(n_bytes), 730, redundancy)
 
 
-def test_a_coarse_grid_takes_no_redundancy() -> None:
-    with pytest.raises(InputError, match="redundancy: a frame of 59 message blocks"):
-        encode(b"Hello", 59, 2.0)
-
-
 @pytest.mark.parametrize("n_bits", GRIDS)
 def test_the_longest_fine_message_has_a_loop(n_bits: int) -> None:
     longest = longest_message(n_bits)

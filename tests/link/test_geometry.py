@@ -102,14 +102,6 @@ def test_a_tilted_capture_of_a_smooth_picture_is_undone(turns: int, scale: float
     assert levels_apart(rectify(image, H, WIDTH, HEIGHT), expected) <= 2
 
 
-def test_a_shift_of_the_corners_shifts_the_picture_by_as_much() -> None:
-    image = noise(WIDTH + 10, HEIGHT + 10)
-    H = homography_from_corners(frame_corners(WIDTH, HEIGHT) + np.array([4, 7]), WIDTH, HEIGHT)
-    np.testing.assert_array_equal(
-        rectify(image, H, WIDTH, HEIGHT), image[7 : 7 + HEIGHT, 4 : 4 + WIDTH]
-    )
-
-
 @pytest.mark.parametrize("turns", range(4))
 def test_the_homography_takes_the_frames_corners_to_the_captured_ones(turns: int) -> None:
     corners = np.roll(TILTED, turns, axis=0)

@@ -3,7 +3,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from conftest import cases
+from conftest import cases, slow
 from numpy.typing import NDArray
 
 from data_gen.channel.stills import capture
@@ -64,7 +64,7 @@ def test_blind_reads_every_bit_and_wants_neither_patches_nor_kappa(filmed: Captu
     np.testing.assert_array_equal(known, unknown)
 
 
-@cases((8, 0), (16, 4))
+@cases((8, 0), slow(16, 4))
 @pytest.mark.parametrize("method", ["blind", "hidden_ratex"])
 def test_antipodal_messages_are_read_without_patches(side: int, wrong: int, method: str) -> None:
     """The darkest of 16 x 16 blocks emit next to nothing, so that some of their bits are lost."""
@@ -139,7 +139,7 @@ def test_any_balance_of_bits_is_read(share: float) -> None:
     )  # the rarer bit occurs 3 times or more
 
 
-@pytest.mark.parametrize("layout", [make_layout(), Layout(3, 5, 400, 300, ())])
+@pytest.mark.parametrize("layout", [make_layout(), slow(Layout(3, 5, 400, 300, ()))])
 def test_any_grid_is_read_and_patches_are_ignored(layout: Layout) -> None:
     captured = message(0.5, layout, kappa=5)
     pair = captured.rectified()

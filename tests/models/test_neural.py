@@ -28,7 +28,6 @@ from link.observation import Observation
 from link.types import Array
 from models import PRETRAINED, make_decoder
 from models.onnx_ops import exported_sum
-from models.paper.oorc import explicit_map
 from models.phi.checkpoint import load_checkpoint, load_weights, save_checkpoint, unpack
 from models.phi.config import CHANNELS, FULL, MAX_DEGREE, DecoderConfig
 from models.phi.decoder import PhiDecoder, bin_mean
@@ -92,14 +91,6 @@ def test_phi_agrees_with_numpy(degree: int, drift: int, dtype: torch.dtype, atol
     assert features.shape == (5, 6, phi.n_features)
     assert len(phi.names) == phi.n_features
     np.testing.assert_allclose(features.numpy(), expected, rtol=0, atol=atol)
-
-
-def test_phi_agrees_with_the_classical_map() -> None:
-    i_o, i_e = np.random.default_rng(1).uniform(0, 1, (2, 100))
-    features = PhiPolynomial(4)(torch.from_numpy(i_o), torch.from_numpy(i_e))
-    np.testing.assert_allclose(
-        torch.stack(features, dim=-1).numpy(), explicit_map(i_o, i_e), rtol=0, atol=FLOAT64
-    )
 
 
 @cases(
@@ -250,7 +241,7 @@ def test_solve_spd_has_the_right_gradient() -> None:
     assert torch.autograd.gradcheck(solve_spd, (A, y))
 
 
-@pytest.mark.parametrize("C", [0.05, 1.0, 30.0])
+@pytest.mark.parametrize("C", [0.05, slow(1.0), 30.0])
 def test_fit_head_has_the_right_gradient(C: float) -> None:
     generator = torch.Generator().manual_seed(5)
     X = torch.randn((2, 25, 4), generator=generator, dtype=torch.float64)
@@ -507,11 +498,6 @@ def test_the_refiner_sees_the_change_of_intensity_and_its_moments(channels: str)
     expected = cells.reshape(MOMENTS + 1, -1).T[layout.message_mask.reshape(-1)]
     found = module.statistics(blocks)[0, :, : MOMENTS + 1].numpy()
     np.testing.assert_allclose(found, expected, rtol=0, atol=FLOAT32)
-
-
-def test_the_torch_decoder_refuses_a_layout_without_patches() -> None:
-    with pytest.raises(InputError, match="layout has none"):
-        PhiDecoder(make_layout(ratex=0), DecoderConfig())
 
 
 # --- checkpoints

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from conftest import cases
 from numpy.typing import NDArray
-from sklearn.svm import SVC
 from tolerances import FLOAT32, FLOAT64, TWIN_SCORE
 
 from link.embed import embed
@@ -272,16 +271,6 @@ def test_kernel_is_the_product_of_explicit_maps(degree: int) -> None:
     a, b = random_pixels(30, 0), random_pixels(20, 5)
     expected = explicit_map(a[:, 0], a[:, 1], degree) @ explicit_map(b[:, 0], b[:, 1], degree).T
     np.testing.assert_allclose(kernel(a, b, degree), expected, rtol=0, atol=FLOAT64)
-
-
-def test_svms_with_kernel_and_with_explicit_map_decide_alike() -> None:
-    pixels, unseen = random_pixels(200, 1), random_pixels(50, 9)
-    labels = (pixels[:, 1] > pixels[:, 0] + 0.02).astype(int)
-    with_kernel = SVC(kernel=kernel, C=10, tol=1e-9).fit(pixels, labels)
-    with_map = SVC(kernel="linear", C=10, tol=1e-9).fit(explicit_map(*pixels.T), labels)
-    decided = with_map.decision_function(explicit_map(*unseen.T))
-    assert np.ptp(decided) > 1
-    np.testing.assert_allclose(with_kernel.decision_function(unseen), decided, atol=FLOAT32)
 
 
 def test_explicit_map_spans_the_papers_differences_of_powers() -> None:

@@ -108,16 +108,6 @@ def test_states_keep_their_numbers_for_a_minute() -> None:
     assert np.ptp(offsets) < 0.5
 
 
-def test_noise_and_stillness_give_no_clock() -> None:
-    rng = np.random.default_rng(3)
-    noisy, still = Synchroniser(30, PATCHES), Synchroniser(30, PATCHES)
-    times = np.arange(150) / 30
-    listen(noisy, times, rng.normal(0, 1, (150, 5)))
-    listen(still, times, np.ones((150, 5)))
-    assert noisy.clock is None
-    assert still.clock is None
-
-
 def toggles_of(
     clock: DisplayClock,
     times: Array,
@@ -305,18 +295,6 @@ def test_the_strongest_toggling_is_kept_where_no_clock_is_found() -> None:
     listen(still, times, rng.normal(3, 0.02, (60, 5)))
     assert 0.1 < noisy.best.strength < 0.75
     assert (still.best.strength, still.best.deviation < MIN_TOGGLE) == (0, True)
-
-
-@pytest.mark.slow
-def test_sixty_four_places_are_fitted_as_well() -> None:
-    rng = np.random.default_rng(15)
-    places = rng.random((64, 2))
-    times = np.arange(61) / 30
-    wave = embedded_share(np.array([astuple(TRUE)]), times, places)[0].T
-    deviation = np.exp(rng.normal(0.7, 0.5, 64))
-    fit = ToggleWindow(times, wave + deviation * rng.normal(size=wave.shape), places, 30).search()
-    assert fit.evidence > needed_evidence(2.0, 30)
-    assert fit.clock.period == pytest.approx(TRUE.period, rel=0.005)
 
 
 def test_a_state_is_put_together_from_the_pure_parts_of_two_frames() -> None:

@@ -1,19 +1,14 @@
 """Films as phones make them are read: shaking hands, a video codec at an angle, bent lines."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from conftest import cases
 
 from data_gen.film.codec import CodecSettings, through_codec
-from data_gen.film.message import FilmSettings, Take, film_message
-from data_gen.film.phone import PhoneSettings
 from data_gen.film.scenes import SceneSettings
 from data_gen.film.stream import VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
 from export.runtime import Decoder
-from lab.films.trial import FilmReading, graph_of
 from link.code.framing import encode
 from link.embed import embed
 from link.layout import make_layout
@@ -49,22 +44,3 @@ def test_a_film_at_an_angle_is_read(hand: float, codec: CodecSettings) -> None:
     assert first <= 40
     assert all(locked[first:])
     assert receiver.found >= len(locked) - 6
-
-
-@pytest.mark.slow
-def test_a_lens_that_bends_the_display_costs_few_bits() -> None:
-    """Blocks of the preset fast are small. The same draws are filmed through both lenses."""
-    plain = FilmSettings(preset="fast", state_hz=30, fps=60, n_bytes=5000)
-    wrong = []
-    for k in (0.0, -0.1):
-        settings = replace(plain, phone=PhoneSettings(distortion=k))
-        filmed = film_message(take := Take(settings, "canon-lg", 0.0, 0, 0))
-        reading = FilmReading(filmed, Decoder(graph_of(take)))
-        for frame in filmed.frames:
-            reading.push(frame)
-            if reading.ended:
-                break
-        delivery = reading.delivery()
-        assert delivery.delivered
-        wrong.append(delivery.bits_wrong / delivery.bits)
-    assert wrong[1] < wrong[0] + 0.01

@@ -12,7 +12,6 @@ import receiver.tracking.judge as judge_module
 from link.presets import PRESETS
 from link.steps import run_to_end
 from link.types import Array, Image
-from receiver.locate.candidates import display_candidates
 from receiver.pilots.search.toggle_map import ToggleMap
 from receiver.pilots.stabilise import WIDTH, Stabiliser
 from receiver.receiver import Receiver
@@ -276,11 +275,6 @@ def test_what_toggles_nowhere_has_no_outline(shape: tuple[int, int]) -> None:
     for number in range(24):
         toggling.add(np.full(shape, 90, np.uint8), number)
     assert all(run_to_end(toggling.outline(f)) is None for f in (0.0, 0.1, 0.25, 0.5, 0.9))
-
-
-def test_very_long_images_have_no_candidates() -> None:
-    for shape in ((17, 70_000, 3), (70_000, 17)):
-        assert display_candidates(np.zeros(shape, np.uint8)) == []
 
 
 @pytest.mark.slow

@@ -208,12 +208,6 @@ def test_who_has_no_key_sees_a_signed_message_without_stamp_and_tag(
     assert "signed" not in old
 
 
-@pytest.mark.parametrize("name", ["²", "٣", "9" * 23, "film"])
-def test_names_that_are_no_camera_are_names_of_files(name: str) -> None:
-    with pytest.raises(InputError, match="no such folder, video file or camera number"):
-        open_source(name)
-
-
 @cases((5, 60), (2, 30), (0.5, 30))
 def test_a_nominal_rate_that_is_far_too_low_finds_no_clock(nominal: float, real: float) -> None:
     """As of a camera that does not know its own rate, or of a wrong --fps."""

@@ -253,7 +253,7 @@ def test_a_recording_of_the_screen_is_read() -> None:
 
 @pytest.mark.slow
 def test_missing_and_repeated_frames_cost_nothing(tmp_path: Path) -> None:
-    """Errors are counted over four draws of the noise: of one draw, they differ by more."""
+    """Errors are counted over two draws of the noise: of one draw, they differ by more."""
     states, bits = states_of(TEXT, LAYOUT, np.random.default_rng(5)), encode(TEXT, LAYOUT.n_bits)
     struck = range(22, 120, 16)  # one in twenty
     every = list(range(120))
@@ -261,7 +261,7 @@ def test_missing_and_repeated_frames_cost_nothing(tmp_path: Path) -> None:
     repeated = [number - (number in struck) for number in every]
     shown = {"whole": (every, every), "missing": (kept, kept), "repeated": (repeated, every)}
     wrong, decided = Counter[str](), Counter[str]()
-    for seed in range(4):
+    for seed in range(2):
         stream, rng = Stream(noise=1.5, size=(320, 240)), np.random.default_rng(seed)
         film = [image for _, image, _ in stream.frames(states, 4, rng)]
         for name, (numbers, times) in shown.items():

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from conftest import cases, slow
 from drawn_scenes import content
 from pilot_films import BlockMeans, beside_print, filmed
 
@@ -53,8 +54,7 @@ def test_a_place_that_was_set_aside_is_passed_over_for_a_time() -> None:
     assert any(tracker.follow(wall, 4.1 + ASIDE_S + number / 30) for number in range(20))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("where", ["beside", "within"])
+@cases(slow("beside"), pytest.param("within", marks=pytest.mark.exhaustive))
 def test_a_still_print_keeps_no_display_from_being_read(where: str) -> None:
     """The camera moves the print and the display alike."""
     loop = encode(TEXT, ROBUST.n_bits)
@@ -75,6 +75,7 @@ def test_a_still_print_keeps_no_display_from_being_read(where: str) -> None:
     assert STILL_S < number / 30 < STILL_S + 3.0
 
 
+@pytest.mark.slow
 def test_a_display_of_which_nothing_is_read_is_looked_for_anew(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -147,15 +147,6 @@ def test_a_run_that_was_cut_off_goes_on_to_the_same_bytes(
     assert len(decoded) == 2
 
 
-def test_another_seed_gives_other_predictions(
-    evaluated: Path, tmp_path: Path, command: Command
-) -> None:
-    run = (*TINY, "--jobs", 1, "--seed", 1, "--out", tmp_path)
-    command(evaluate.main, *run)
-    one, two = (folder / "predictions.jsonl" for folder in (evaluated, tmp_path))
-    assert one.read_bytes() != two.read_bytes()
-
-
 # Metrics
 
 
@@ -215,17 +206,6 @@ def test_a_score_that_is_not_finite_is_not_written(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="ci_high"):
         write_scores(tmp_path / "metrics.json", rows, {})
     assert not (tmp_path / "metrics.json").exists()
-
-
-def test_damaged_predictions_are_decoded_again(tmp_path: Path, command: Command) -> None:
-    run = (*TWO_CELLS, "--jobs", 1, "--out", tmp_path)
-    command(evaluate.main, *run)
-    file = tmp_path / "predictions.jsonl"
-    before = file.read_bytes()
-    _, second, *others = before.splitlines(keepends=True)
-    file.write_bytes(b"".join([second[:-20] + b"\n", *others]))
-    command(evaluate.main, *run)
-    assert file.read_bytes() == before
 
 
 def damaged_cells(line: dict[str, Any]) -> dict[str, bytes]:
@@ -400,22 +380,6 @@ def test_tables_print_the_papers_number_beside_ours() -> None:
     assert lines[5].endswith(" / 72.9 |")
 
 
-def test_each_view_and_kappa_has_its_own_table() -> None:
-    rows = score_table(
-        *(
-            score_row("oorc", "canon-lg", view, kappa, 1, 59, 58, 58**2)
-            for kappa in (5, 3)
-            for view in (0.0, 45.0)
-        )
-    )
-    assert [table.title.split(":")[0] for table in cell_tables(rows)] == [
-        "κ = 5, 0°",
-        "κ = 5, 45°",
-        "κ = 3, 0°",
-        "κ = 3, 45°",
-    ]
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_the_summary_prints_the_papers_mean(method: str) -> None:
     mean = np.mean([paper_accuracy(pair, 45, 3, method) or 0 for pair in PAIRS])
@@ -493,3 +457,15 @@ def test_small_and_gray_frames_are_annotated_large_and_in_colour() -> None:
     picture = annotate(Observation.still(frame, frame, layout), decided(layout))
     assert picture.shape == (384, 3 * 512, 3)
     assert np.all(picture[:, :512] == 100)
+
+
+def test_runs_without_a_page_are_compared_and_shown_later(
+    evaluated: Path, tmp_path: Path, command: Command
+) -> None:
+    folder = tmp_path / "run"
+    command(evaluate.main, *TINY, "--jobs", 1, "--out", folder)
+    assert (folder / "run.json").is_file()
+    assert not (folder / "report.html").exists()
+    assert "0.00" in command(evaluate.main, "--compare", evaluated, folder).stdout
+    command(evaluate.main, "--report", folder)
+    assert (folder / "report.html").is_file()

@@ -76,3 +76,25 @@ def test_what_is_no_method_is_refused(name: str, says: str, elsewhere: Path) -> 
 def test_two_methods_of_one_label_are_refused(elsewhere: Path) -> None:
     with pytest.raises(InputError, match="methods: name at least one, and none twice"):
         methods_for(["elsewhere.mine:Mine", "elsewhere.mine:Mine"])
+
+
+def test_options_stand_behind_the_name() -> None:
+    plain, fitted, linear = methods_for(["oorc", "oorc:C=0.1", "linear:degree=4,smooth=false"])
+    assert (plain.options, plain.label) == ((), "oorc")
+    assert (fitted.name, fitted.options, fitted.label) == ("oorc", (("C", 0.1),), "oorc:C=0.1")
+    assert linear.options == (("degree", 4), ("smooth", False))
+    fitted.build()
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("oorc:D=1", "option of oorc"),
+        ("oorc:C=much", "C needs a float"),
+        ("phi:config=1", "cannot be set"),
+        ("nothing:C=1", "method"),
+    ],
+)
+def test_wrong_options_are_refused(name: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        methods_for([name])

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import cases, slow
+from conftest import cases
 from scipy.stats import binomtest
 from tolerances import FLOAT64
 
@@ -133,7 +133,7 @@ def drawn(generator: np.random.Generator, frames: int) -> Counts:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("frames", [10, slow(40)])
+@pytest.mark.parametrize("frames", [10, pytest.param(40, marks=pytest.mark.exhaustive)])
 def test_the_interval_covers_the_truth_as_often_as_it_says(frames: int) -> None:
     generator = np.random.default_rng(7)
     total = drawn(generator, 200_000).sum(axis=0)

@@ -47,14 +47,6 @@ def test_levels_are_spread_and_details_taken_off(port: Port, rng: np.random.Gene
         assert differences(levels.withoutDetails(image, 9, bright_first), plain)[0] == 0
 
 
-def test_small_linear_algebra(port: Port, rng: np.random.Generator) -> None:
-    A, b, linear = rng.normal(size=(8, 8)), rng.normal(size=8), port("link/linear.js")
-    same(linear.solve(A, b), np.linalg.solve(A, b), within.FLOAT64)
-    same(linear.inverse(A), np.linalg.inv(A), within.FLOAT64)
-    product = linear.multiply3(A[:3, :3], A[3:6, 3:6])
-    same(product, A[:3, :3] @ A[3:6, 3:6], within.SAME_STEPS)
-
-
 def is_sound(corners: Array, outside: float) -> bool:
     try:
         check_corners(corners, (110, 160), outside)

@@ -14,11 +14,10 @@ import av
 import cv2
 import numpy as np
 import pytest
+from browser import BROWSER_FLAGS, find_browser, serve_folder, text_of
 from pilot_films import TEXT, filmed, robust_film
-from web_films import limited, write_film
+from web_films import limited, write_film, write_y4m
 
-from lab.films.browser import BROWSER_FLAGS, find_browser, serve_folder, text_of
-from lab.films.y4m import write_y4m
 from link.code.authenticate import sign
 from link.code.framing import encode
 from link.presets import PRESETS
@@ -413,8 +412,7 @@ def test_browsers_without_something_give_the_camera_s_frames_too(
 ) -> None:
     """The film's range is limited, as cameras have it: browsers take it to be when they draw it."""
     even = np.full((20, 48, 64), 64, np.uint8)
-    with (tmp_path / "film.y4m").open("wb") as stream:
-        write_y4m(stream, limited(even), 30)
+    write_y4m(tmp_path / "film.y4m", limited(even))
     flags = [flag.format(tmp_path / "film.y4m") for flag in FILMING]
     with open_page(browser, flags, worker=with_comlink(GIVEN)) as page:
         page.add_init_script(WITHOUT[kind])
@@ -449,8 +447,7 @@ def test_a_camera_that_sees_no_display_keeps_looking(browser, address) -> None:
 
 def test_what_the_camera_sees_is_read_and_can_be_saved(browser, address, tmp_path) -> None:
     film = tmp_path / "robust.y4m"
-    with film.open("wb") as stream:
-        write_y4m(stream, robust_film(90)[0], 30)
+    write_y4m(film, robust_film(90)[0])
     with open_page(browser, [flag.format(film) for flag in FILMING]) as page:
         page.goto(address[0])
         wait_for(page, lambda: page.evaluate("!document.getElementById('record').disabled"))

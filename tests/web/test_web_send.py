@@ -14,12 +14,13 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import OpenWindow, cases
+from browser import serve_folder, text_of
+from conftest import OpenWindow, cases, slow
+from moving import write_moving
 from playwright.sync_api import Browser, Page
 from port import Port, same
 from web_films import write_film
 
-from lab.films.browser import serve_folder, text_of
 from link.code.authenticate import Verifier, sign
 from link.code.framing import encode, longest_message
 from link.images import write_image
@@ -31,7 +32,7 @@ from link.types import Image
 from models.film.window import reads_films
 from receiver.decoders import open_decoders
 from receiver.stream import EventStream
-from sender.player import write_player
+from sender.player import write_film_player, write_player
 from web.host.demo import MESSAGE
 from web.host.site import WEB
 from web.host.tables import send_preset
@@ -58,7 +59,10 @@ def unpacked(loop: dict[str, Any]) -> dict[str, Any]:
             return [opened(each) for each in held]
         return held and zlib.decompress(base64.b64decode(held))
 
-    return {key: opened(held) if key in PACKED else held for key, held in loop.items()}
+    plain = {key: opened(held) if key in PACKED else held for key, held in loop.items()}
+    if "film" in plain:
+        plain["film"] = {**plain["film"], "patches": opened(plain["film"]["patches"])}
+    return plain
 
 
 def sent_loop(file: Path) -> dict[str, Any]:
@@ -200,6 +204,33 @@ def test_a_saved_file_is_what_export_send_writes(name: str, sender: Page, tmp_pa
     assert loop == sent_loop(tmp_path / "player.html")
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["hidden", "paper"])
+def test_a_film_is_shown_and_saved_as_python_writes_it(
+    name: str, sender: Page, tmp_path: Path
+) -> None:
+    preset = PRESETS[name]
+    film = write_moving(tmp_path / "film.webm", 384, 512)
+    sender.set_input_files("#picture", film)
+    wait_for(sender, lambda: sender.evaluate("[preview.width, preview.height]") == [384, 512])
+    sender.select_option("#preset", name)
+    sender.fill("#text", "Hi")
+    bits = encode(b"Hi", preset.layout.n_bits)
+    blank = np.zeros((512, 384, 3), np.uint8)
+    made = Loop(preset.layout, preset.kappa, bits, lambda: iter([blank]), even=preset.even)
+    flicker = "" if name == "hidden" else "seen"
+    write_film_player(tmp_path / "player.html", made, film, preset.state_hz, flicker)
+    assert save(sender, tmp_path / "saved.html") == sent_loop(tmp_path / "player.html")
+    sender.locator("#show").click()
+    wait_for(sender, lambda: len(sender.frames) == 2)
+    shown = sender.frames[1]
+    wait_for(sender, lambda: shown.evaluate("Boolean(window.player?.ready)"))
+    if flicker:
+        sender.mouse.click(200, 300)
+    wait_for(sender, lambda: shown.evaluate("film.video.currentTime > 0.2"))
+    assert "graphics card" in shown.evaluate("painter.word")
+
+
 def huge_png(width: int, height: int) -> bytes:
     """A PNG of a size that its file does not show."""
     head = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
@@ -221,6 +252,8 @@ REFUSED = (
     ("picture", given_file("a.svg", SVG, "image/svg+xml"),
      "Drawings (SVG) are not read. Save it as PNG."),
     ("picture", given_file("a.jpg", b"no picture", "image/jpeg"), NO_PICTURE),
+    ("picture", given_file("a.mp4", b"no film", "video/mp4"),
+     "This file is no film that this browser can play."),
     ("picture", given_file("a.png", huge_png(900, 20), "image/png"),
      "This picture is longer than 3 to 1. Crop it."),
     ("file", given_file("none", b""), "The message is empty. Type a text, or choose a file."),
@@ -382,6 +415,7 @@ def test_all_pages_work_without_a_network(site: Path, browser: Any) -> None:
     context.close()
 
 
+@pytest.mark.slow
 def test_the_page_that_sends_is_small(site: Path) -> None:
     names = (
         "send.html",
@@ -418,7 +452,9 @@ def states_of(page: Page, player: Path) -> Iterator[Image]:
     page.goto(player.resolve().as_uri())
     wait_for(page, lambda: page.evaluate("Boolean(window.player?.ready)"))
     page.evaluate("player.pause(), player.step(-player.state)")
-    for _ in range(max(96, page.evaluate("4 * loop.bits.length"))):
+    for number in range(max(96, page.evaluate("4 * loop.bits.length"))):
+        if page.evaluate("Boolean(loop.film)"):
+            page.evaluate(SEEK, number)
         image = cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_COLOR)
         yield np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
         page.keyboard.press("ArrowRight")
@@ -447,6 +483,17 @@ def filmed(states: Iterator[Image], name: str) -> Iterator[Image]:
         yield np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE), np.uint8)
 
 
+SEEK = """(number) => new Promise((resolve) => {
+    film.video.onseeked = () => {
+        film.fresh = true;
+        player.show(player.state);
+        resolve();
+    };
+    film.video.currentTime = (number / loop.state_hz) % film.video.duration;
+})"""
+"""Script that lets a film's player show the picture of a state's time."""
+
+
 @pytest.fixture(scope="module")
 def reader(address: str, browser: Browser) -> Page:
     """The page that reads, which takes no camera because a film is named; there is none."""
@@ -457,23 +504,36 @@ def reader(address: str, browser: Browser) -> Page:
 
 @pytest.mark.timeout(3000)
 @pytest.mark.parametrize(
-    ("name", "kind"),
+    ("name", "kind", "carrier"),
     [
-        pytest.param(
-            *case,
-            marks=pytest.mark.slow
-            if case[0] in IN_EVERY_RUN and case[1] == SHOWN[case[0]][0]
-            else pytest.mark.exhaustive,
-        )
-        for case in product(PRESETS, FILMED)
-        if case != TOO_LONG
+        slow("hidden", "Unicode", "film"),
+        *(
+            pytest.param(
+                *case,
+                "still",
+                marks=pytest.mark.slow
+                if case[0] in IN_EVERY_RUN and case[1] == SHOWN[case[0]][0]
+                else pytest.mark.exhaustive,
+            )
+            for case in product(PRESETS, FILMED)
+            if case != TOO_LONG
+        ),
     ],
 )
 def test_what_the_page_shows_is_read_by_both_receivers(
-    name: str, kind: str, sender: Page, reader: Page, open_window: OpenWindow, tmp_path: Path
+    name: str,
+    kind: str,
+    carrier: str,
+    sender: Page,
+    reader: Page,
+    open_window: OpenWindow,
+    tmp_path: Path,
 ) -> None:
     give(sender, kind)
     sender.select_option("#preset", name)
+    if carrier == "film":
+        sender.set_input_files("#picture", write_moving(tmp_path / "given.webm", 640, 480))
+        wait_for(sender, lambda: sender.evaluate("[preview.width, preview.height]") == [640, 480])
     save(sender, tmp_path / "player.html")
 
     fps = 2 * PRESETS[name].state_hz

@@ -1,6 +1,6 @@
 """Films of gray frames that the page reads, and their luma."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from pathlib import Path
 
@@ -46,3 +46,15 @@ def in_three_planes(luma):
     """Luma, and below it chroma of no colour, as PyAV takes them."""
     height, width = luma.shape
     return np.vstack([luma, np.full((height // 2, width), 128, np.uint8)])
+
+
+def write_y4m(film: Path, frames: Iterable[np.ndarray], fps: int = 30) -> None:
+    """Write gray frames (H, W) uint8 without compression, as Chromium's simulated camera plays."""
+    with film.open("wb") as stream:
+        for number, luma in enumerate(frames):
+            height, width = luma.shape
+            if number == 0:
+                head = f"YUV4MPEG2 W{width} H{height} F{fps}:1 Ip A1:1 C420jpeg\n"
+                stream.write(head.encode())
+            chroma = 2 * -(-width // 2) * -(-height // 2)  # a sample is shared by 2 x 2 pixels
+            stream.write(b"FRAME\n" + luma.tobytes() + bytes([128]) * chroma)

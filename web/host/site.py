@@ -102,9 +102,19 @@ def install_packages() -> None:
         InputError: npm is missing or fails.
     """
     installed = WEB / "node_modules" / ".package-lock.json"
-    lock = WEB / "package-lock.json"
-    if not installed.is_file() or installed.stat().st_mtime < lock.stat().st_mtime:
+    there = locked_versions(installed) if installed.is_file() else {}
+    if not locked_versions(WEB / "package-lock.json").items() <= there.items():
         run_node(["npm", "ci", "--no-fund", "--no-audit"])
+
+
+def locked_versions(lock: Path) -> dict[str, str]:
+    """Versions of the packages that a lock file of npm names, but for those of some systems."""
+    packages = json.loads(lock.read_text("utf-8"))["packages"]
+    return {
+        name: package["version"]
+        for name, package in packages.items()
+        if name and not package.get("optional")
+    }
 
 
 def run_node(command: Sequence[str]) -> str:

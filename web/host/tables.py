@@ -7,18 +7,14 @@ The page that sends shows every preset. The page that reads knows those that the
 which have pilots; `paper` is read by ``python -m receiver``.
 """
 
-import base64
 from typing import Any
 
-import numpy as np
-
 from link.code.framing import longest_message
-from link.embed import levels_by_step, with_head_room
 from link.layout import Layout
 from link.presets import Preset, needed_camera_fps
 from link.ratex import TILES, shown_levels
 from models.film.window import reads_films
-from sender.compact import Compact, rule_page
+from sender.compact import Compact, film_page, rule_page
 from sender.hiding import Hiding, Onlooker
 
 
@@ -45,12 +41,6 @@ def send_preset(name: str, preset: Preset) -> dict[str, Any]:
     layout, kappa, state_hz = preset.layout, preset.kappa, preset.state_hz
     rule = Compact(layout, kappa)
     hiding = Hiding(layout, state_hz, Onlooker(distance=preset.distance_m), preset.even)
-    strengths = levels_by_step(kappa) if preset.even else [float(kappa)]
-    ramp = np.arange(256, dtype=np.uint8)[None]
-    room = [
-        with_head_room(ramp, kappa, layout.modulation, np.full(ramp.shape, each))
-        for each in strengths
-    ]
     still = len(rule.changes) + 1
     original, embedded = (shown_levels(layout, kappa, embedded=each) for each in (False, True))
     return {
@@ -65,7 +55,7 @@ def send_preset(name: str, preset: Preset) -> dict[str, Any]:
         "longest_bytes": longest_message(layout.n_bits),
         "size": [layout.width, layout.height],
         "even": preset.even,
-        "room": base64.b64encode(np.concatenate(room).tobytes()).decode(),
+        "film": film_page(rule, preset.even),
         "ratex": layout.ratex,
         "tiles": original.reshape(-1, TILES**2).tolist(),
         "changes": (still + (embedded - original) // kappa).reshape(-1, TILES**2).tolist(),

@@ -4,13 +4,14 @@ import { wrap } from "comlink";
 import { codeAuthenticate, senderCompact } from "../generated/constants.js";
 import { framesNeeded } from "../port/link/code/framing.js";
 import { InputError } from "../port/link/errors.js";
-import { openPicture, pixelsOf } from "../port/sender/picture.js";
+import { openFilm, openPicture, pixelsOf, sizeOf } from "../port/sender/picture.js";
 import { addressOf, download, keepForOffline, load } from "./site.js";
 
 /** @import { Remote } from "comlink" */
 /** @import { SendPreset } from "../port/sender/loop.js" */
 /** @import { Sending } from "./sending.js" */
 
+const { EMBEDDED_BYTES } = senderCompact;
 const { MIN_KEY_BYTES, MAX_KEY_BYTES, MAX_STAMP, STAMP_BYTES, TAG_BYTES } = codeAuthenticate;
 
 /** @param {string} id @returns {any} */
@@ -39,17 +40,25 @@ function chosen() {
 
 // ---- The picture
 
-/** @param {string} name @returns {Promise<ImageBitmap>} a picture that comes with the page */
+/** A picture, or a film and its first picture. @typedef {{ still: ImageBitmap, film?: File,
+ *   size?: number[] }} Carrier */
+
+/** @param {string} name @returns {Promise<Carrier>} a picture that comes with the page */
 async function drawn(name) {
-  return openPicture(await (await load(`${name}.jpg`)).blob());
+  return { still: await openPicture(await (await load(`${name}.jpg`)).blob()) };
 }
 
-/** @param {Promise<ImageBitmap>} next - what is shown from now on */
+/** @param {File} file @returns {Promise<Carrier>} */
+async function opened(file) {
+  return file.type.startsWith("video/") ? openFilm(file) : { still: await openPicture(file) };
+}
+
+/** @param {Promise<Carrier>} next - what is shown from now on */
 async function take(next) {
   const before = picture;
   const mine = (picture = next.catch(() => before));
   try {
-    const given = await next;
+    const { still: given } = await next;
     if (mine !== picture) return;
     const preview = byId("preview");
     [preview.width, preview.height] = [given.width, given.height];
@@ -66,7 +75,7 @@ for (const button of byId("drawn").children) {
 for (const id of ["picture", "camera"]) {
   byId(id).addEventListener("change", () => {
     const [file] = byId(id).files;
-    if (file) void take(openPicture(file));
+    if (file) void take(opened(file));
   });
 }
 for (const name of ["dragover", "dragleave", "drop", "paste"]) {
@@ -75,7 +84,7 @@ for (const name of ["dragover", "dragleave", "drop", "paste"]) {
     const [file] = given?.files ?? [];
     if (name !== "paste" || file) event.preventDefault(); // text goes where it is pasted
     byId("view").classList.toggle("over", name === "dragover");
-    if (file && name !== "dragover") void take(openPicture(file));
+    if (file && name !== "dragover") void take(opened(file));
   });
 }
 
@@ -132,8 +141,12 @@ async function makeLoop() {
   const message = file ? new Uint8Array(await file.arrayBuffer()) : text;
   if (!message.length) throw new InputError("The message is empty. Type a text, or choose a file.");
   const signature = await signatureOf(byId("key").files[0]);
-  const pixels = pixelsOf(await picture, preset.size);
-  return worker.make(preset, message, signature, pixels);
+  const { still, film, size } = await picture;
+  if (!film || !size) return worker.make(preset, message, signature, pixelsOf(still, preset.size));
+  const shown = sizeOf({ width: size[0], height: size[1] }, preset.size);
+  const loop = await worker.makeOverFilm(preset, message, signature, { size, shown });
+  loop.film.file = film; // which the player plays from here
+  return loop;
 }
 
 /**
@@ -172,16 +185,35 @@ function onClick(id, use) {
 }
 
 onClick("save", async (loop) => {
+  if (loop.film) {
+    const { file } = loop.film;
+    if (file.size > EMBEDDED_BYTES) {
+      const most = `${EMBEDDED_BYTES >> 20} MiB`;
+      throw new InputError(`A saved file holds films of up to ${most}. Show it from here.`);
+    }
+    const type = file.type === "video/quicktime" ? "video/mp4" : file.type;
+    Object.assign(loop.film, { type, data: await base64Of(file), file: undefined });
+  }
   const text = await (await load("player.html")).text();
   const page = text.replace(senderCompact.PLACE, () => `>${JSON.stringify(loop)}<`);
   download(new Blob([page]), "player.html");
   say("The file is among your downloads. Open it on the display.");
 });
 
+/** @param {Blob} file @returns {Promise<string>} its bytes as base64 */
+function base64Of(file) {
+  const reader = new FileReader();
+  return new Promise((resolve, reject) => {
+    reader.onload = () => resolve(/** @type {string} */ (reader.result).split(",")[1]);
+    reader.onerror = () => reject(new InputError("This film cannot be read any more."));
+    reader.readAsDataURL(file);
+  });
+}
+
 onClick("show", async (loop) => {
   if (agreed) loop.flicker = "";
   const frame = document.createElement("iframe");
-  const allow = "fullscreen; screen-wake-lock";
+  const allow = "autoplay; fullscreen; screen-wake-lock";
   Object.assign(frame, { src: "player.html", title: "The display", allow });
   // the player takes the loop from here, and says when it is to end
   Object.assign(window, { loop, endShow });

@@ -2,10 +2,12 @@
 
 import { expose } from "comlink";
 import { sign } from "../port/link/code/authenticate.js";
-import { makeLoop } from "../port/sender/loop.js";
+import { makeFilmLoop, makeLoop } from "../port/sender/loop.js";
 
 /** @import { Picture } from "../port/link/strength.js" */
 /** @import { SendPreset } from "../port/sender/loop.js" */
+
+/** @typedef {{ key: Uint8Array, stamp: number } | null} Signature */
 
 /** What the worker does for the page. @typedef {typeof functions} Sending */
 const functions = {
@@ -14,12 +16,27 @@ const functions = {
    *
    * @param {SendPreset} preset
    * @param {Uint8Array} message
-   * @param {{ key: Uint8Array, stamp: number } | null} signature - what signs it, or null
+   * @param {Signature} signature - what signs it, or null
    * @param {Picture} picture
    */
   make(preset, message, signature, picture) {
-    const data = signature ? sign(message, signature.key, signature.stamp) : message;
-    return makeLoop(preset, { data, signed: signature !== null }, picture);
+    return makeLoop(preset, contentOf(message, signature), picture);
+  },
+  /**
+   * Make a loop over a film.
+   *
+   * @param {SendPreset} preset
+   * @param {Uint8Array} message
+   * @param {Signature} signature - what signs it, or null
+   * @param {{ size: number[], shown: number[] }} film - as `makeFilmLoop` takes it
+   */
+  makeOverFilm(preset, message, signature, film) {
+    return makeFilmLoop(preset, contentOf(message, signature), film);
   },
 };
+/** @param {Uint8Array} message @param {Signature} signature */
+function contentOf(message, signature) {
+  const data = signature ? sign(message, signature.key, signature.stamp) : message;
+  return { data, signed: signature !== null };
+}
 expose(functions);

@@ -57,7 +57,7 @@ def test_displays_show_the_preset_or_another_layout_or_stand_still() -> None:
     assert len(states) == 1
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_display_that_begins_late_is_timed_from_its_beginning() -> None:
     found = search_film(SearchTake("robust", "late", 0, 1.5, "canon-lg", 0))
     assert found.right

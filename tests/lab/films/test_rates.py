@@ -1,29 +1,36 @@
-"""The table of how fast presets deliver."""
+"""How fast presets deliver: what is filmed, and the table."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
 
 import pytest
+from conftest import Command
 
-from data_gen.film.message import check_settings
-from lab.films.delivery import contrast_of
+from data_gen.film.message import FilmSettings, Take
+from lab import __main__ as lab
+from lab.films import rates
 from lab.films.rates import (
     SETTINGS,
+    Delivery,
     FilmSeries,
     RatesContent,
     RatesFlags,
+    contrast_of,
+    deliver,
     label_of_rates,
     rates_blocks,
 )
-from lab.films.trial import Delivery
 from lab.study import Results
 from link.errors import InputError
 from link.presets import PRESETS
 
+RUN = Delivery("canon-lg", 0.0, 0, "a", True, False, 2.0, 100, 5)
+
 
 @pytest.mark.parametrize("name", SETTINGS)
-def test_settings_can_be_run(name: str) -> None:
+def test_settings_suit_their_presets(name: str) -> None:
     config = RatesFlags().film(name)
-    check_settings(config)
     assert config.layout == PRESETS[config.preset].layout
     assert config.fps >= config.state_hz / 3
     assert "/" not in label_of_rates(RatesFlags(settings=(name,)))  # a file is named after it
@@ -40,7 +47,7 @@ def test_hidden_is_below_the_threshold_and_paper_is_not() -> None:
 
 def test_rates_are_those_of_the_runs() -> None:
     def run(seconds: float, delivered: bool) -> Delivery:
-        return Delivery("canon-lg", 0.0, 0, "a", delivered, False, seconds, 100, 5)
+        return replace(RUN, seconds=seconds, delivered=delivered)
 
     later, sooner = (
         Results({}, RatesContent([FilmSeries("fast", 20_000, view, runs)]))
@@ -66,3 +73,30 @@ def test_results_are_named_after_what_was_filmed() -> None:
 def test_an_unknown_setting_lists_the_others() -> None:
     with pytest.raises(InputError, match="slow camera"):
         RatesFlags().film("quick")
+
+
+def test_a_run_goes_on_with_the_takes_that_are_missing(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    taken = []
+
+    def film(take: Take) -> dict[str, Any]:
+        taken.append((take.pair, take.view, take.run))
+        return asdict(replace(RUN, pair=take.pair, view_deg=take.view, run=take.run))
+
+    monkeypatch.setattr(rates, "deliver", film)
+    flags = ("rates", "--settings", "paper", "--pairs", "canon-lg", "--views", 0, "--jobs", 1)
+    for runs in (1, 2):
+        command(lab.main, *flags, "--out", tmp_path, "--runs", runs)
+    assert taken == [("canon-lg", 0.0, 0), ("canon-lg", 0.0, 1)]
+    command(lab.main, *flags, "--out", tmp_path, "--n-bytes", 90)
+    assert len(taken) == 3  # another message reads nothing of what was stored
+    table = (tmp_path / "rates.md").read_text().splitlines()
+    assert [line.split("|")[8].strip() for line in table[4:]] == ["1 of 1", "2 of 2"]
+
+
+@pytest.mark.slow
+def test_a_message_is_delivered_from_a_simulated_film() -> None:
+    run = Delivery(**deliver(Take(FilmSettings(n_bytes=20), "canon-lg", 0.0, 0, 0)))
+    assert run.delivered and not run.wrong
+    assert run.bits_wrong < 0.05 * run.bits

@@ -105,6 +105,7 @@ def test_a_display_is_found_by_its_code(fps: float, hold: float) -> None:
     assert abs((shown + CODE.period) % (2 * CODE.period) - CODE.period) < 1.5
 
 
+@pytest.mark.slow
 def test_a_display_with_a_corner_out_of_view_is_found_as_soon_as_others() -> None:
     """By the edges that are in view; its top left corner lies some 40 pixels outside the image."""
     whole, partly = (found_in(CODED, [CODED], 60.0, 1, 40, leaves) for leaves in (False, True))

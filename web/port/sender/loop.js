@@ -24,13 +24,50 @@ import { blockSteps } from "../link/strength.js";
 export async function makeLoop(preset, content, picture) {
   const turned = (picture.width - picture.height) * (preset.size[0] - preset.size[1]) < 0;
   const laid = turned ? turnedPicture(picture) : picture;
-  const { width, height } = laid;
   const { rows, cols } = preset.loop;
   const steps = preset.even ? blockSteps(laid, rows, cols) : null;
   const shown = withRoom(laid, preset, steps);
   const patches = preset.ratex.length ? drawPatches(shown, preset) : null;
   const gray = shown.data.every((level, at) => level === shown.data[at - (at % 3)]);
   const levels = gray ? shown.data.filter((_, at) => at % 3 === 0) : shown.data;
+  return {
+    ...(await loopOf(preset, content, laid, turned, patches)),
+    pictures: [await packed(levels, gray ? 1 : 3)],
+    steps: [steps && (await packed(steps))],
+  };
+}
+
+/**
+ * Make the loop of a message over a film, whose pictures the player takes as they come.
+ *
+ * @param {SendPreset} preset
+ * @param {Content} content - short enough for the preset
+ * @param {{ size: number[], shown: number[] }} film - width and height of the film, and of what is
+ *   shown of it
+ * @returns {Promise<any>} values of JSON's types, which lack the film itself
+ */
+export async function makeFilmLoop(preset, content, { size, shown: [across, down] }) {
+  const turned = (across - down) * (preset.size[0] - preset.size[1]) < 0;
+  const [width, height] = turned ? [down, across] : [across, down];
+  const laid = { width, height, data: new Uint8Array(preset.ratex.length ? 3 * width * height : 0) };
+  const patches = preset.ratex.length ? drawPatches(laid, preset) : null;
+  const levels = patches && (await packed(laid.data.filter((_, at) => at % 3 === 0)));
+  return {
+    ...(await loopOf(preset, content, laid, turned, patches)),
+    pictures: [],
+    steps: [null],
+    film: { ...preset.film, size, view: [0, 0, ...size], patches: levels },
+  };
+}
+
+/**
+ * @param {SendPreset} preset
+ * @param {Content} content
+ * @param {Picture} laid - as it lies on the grid
+ * @param {boolean} turned
+ * @param {Uint8Array | null} patches
+ */
+async function loopOf(preset, content, { width, height }, turned, patches) {
   const letters = encode(content, preset.n_bits).map((bit) => bit + 48);
   const text = new TextDecoder().decode(letters);
   const pairs = text.length / preset.n_bits;
@@ -43,8 +80,6 @@ export async function makeLoop(preset, content, picture) {
     bits: Array.from({ length: pairs }, (_, pair) =>
       text.slice(pair * preset.n_bits, (pair + 1) * preset.n_bits),
     ),
-    pictures: [await packed(levels, gray ? 1 : 3)],
-    steps: [steps && (await packed(steps))],
     shown: new Array(pairs).fill(0),
     changes: [],
   };
@@ -71,7 +106,7 @@ function turnedPicture({ width, height, data }) {
  */
 function withRoom({ width, height, data }, preset, steps) {
   const { rows, cols } = preset.loop;
-  const room = Uint8Array.from(atob(preset.room), (letter) => letter.charCodeAt(0));
+  const room = Uint8Array.from(atob(preset.film.rooms), (letter) => letter.charCodeAt(0));
   const shown = new Uint8Array(data.length);
   for (let y = 0, at = 0; y < height; y++) {
     const row = Math.floor((y * rows) / height) * cols;

@@ -1,6 +1,6 @@
 /** Pictures that carry the message. */
 
-import { images, placement } from "../../generated/constants.js";
+import { images, placement, senderCompact } from "../../generated/constants.js";
 import { roundHalfEven } from "../image/round.js";
 import { InputError } from "../link/errors.js";
 
@@ -8,6 +8,7 @@ import { InputError } from "../link/errors.js";
 
 const { BYTES_PER_PIXEL, MAX_MEGAPIXELS, MIN_SIDE_PX, SPARE_BYTES } = images;
 const { MAX_ASPECT, USUAL_DISPLAY } = placement;
+const { MAX_FILM_BYTES } = senderCompact;
 const MAX_BYTES = 1e6 * MAX_MEGAPIXELS * BYTES_PER_PIXEL + SPARE_BYTES;
 
 /**
@@ -25,20 +26,52 @@ export async function openPicture(file) {
   try {
     await new Promise((resolve, reject) => Object.assign(image, { onload: resolve, onerror: reject }));
     const { naturalWidth: width, naturalHeight: height } = image; // known before pixels are decoded
-    if (width * height > 1e6 * MAX_MEGAPIXELS) {
-      const size = `${Math.round((width * height) / 1e6)} million pixels`;
-      throw new InputError(`This picture has ${size}, and ${MAX_MEGAPIXELS} are the most.`);
-    }
-    if (Math.min(width, height) < MIN_SIDE_PX) throw new InputError("This picture is too small.");
-    if (Math.max(width, height) > MAX_ASPECT * Math.min(width, height)) {
-      throw new InputError(`This picture is longer than ${MAX_ASPECT} to 1. Crop it.`);
-    }
+    check(width, height);
     return shrunk(await createImageBitmap(file, { colorSpaceConversion: "none" })); // as Python reads
   } catch (error) {
     if (error instanceof InputError) throw error;
     throw new InputError("This file is no picture that this browser can read.");
   } finally {
     URL.revokeObjectURL(image.src);
+  }
+}
+
+/**
+ * Open a file as a film.
+ *
+ * @param {File} film
+ * @returns {Promise<{ film: File, size: number[], still: ImageBitmap }>} the film, its width and
+ *   height in pixels, and its first picture
+ * @throws {InputError} it is no film that can be shown
+ */
+export async function openFilm(film) {
+  if (film.size > MAX_FILM_BYTES) throw new InputError("This file is too large for a film.");
+  const video = document.createElement("video");
+  Object.assign(video, { muted: true, preload: "auto", src: URL.createObjectURL(film) });
+  try {
+    await new Promise((resolve, reject) =>
+      Object.assign(video, { onloadeddata: resolve, onerror: reject }),
+    );
+    const size = [video.videoWidth, video.videoHeight];
+    check(size[0], size[1]);
+    return { film, size, still: await createImageBitmap(video) };
+  } catch (error) {
+    if (error instanceof InputError) throw error;
+    throw new InputError("This file is no film that this browser can play.");
+  } finally {
+    URL.revokeObjectURL(video.src);
+  }
+}
+
+/** @param {number} width - in pixels @param {number} height */
+function check(width, height) {
+  if (width * height > 1e6 * MAX_MEGAPIXELS) {
+    const size = `${Math.round((width * height) / 1e6)} million pixels`;
+    throw new InputError(`This picture has ${size}, and ${MAX_MEGAPIXELS} are the most.`);
+  }
+  if (Math.min(width, height) < MIN_SIDE_PX) throw new InputError("This picture is too small.");
+  if (Math.max(width, height) > MAX_ASPECT * Math.min(width, height)) {
+    throw new InputError(`This picture is longer than ${MAX_ASPECT} to 1. Crop it.`);
   }
 }
 
@@ -57,10 +90,10 @@ async function shrunk(given) {
 /**
  * Choose the size of a picture as `usual_size` of link/placement.py does.
  *
- * @param {ImageBitmap} given
+ * @param {{ width: number, height: number }} given
  * @param {number[]} least - width and height of the preset's layout
  */
-function sizeOf({ width, height }, least) {
+export function sizeOf({ width, height }, least) {
   const [short, long] = [width, height].sort((a, b) => a - b);
   const enough = Math.max(Math.max(...least) / long, Math.min(...least) / short);
   const scale = Math.max(enough, Math.min(1, USUAL_DISPLAY[0] / long, USUAL_DISPLAY[1] / short));

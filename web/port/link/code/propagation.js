@@ -57,11 +57,11 @@ export class Propagation {
    *
    * @param {number} rounds - largest number of rounds
    * @param {Sums} checks - sums that must be 0; once the bits satisfy them, no round follows
-   * @param {number} [missing] - number of a bit that does not exist, of which no sum tells anything;
-   *   where there is one, every other bit must have been told something, too
+   * @param {number} missing - number of a bit that does not exist, of which no sum tells anything;
+   *   every other bit must have been told something, too
    * @returns {boolean} whether the bits satisfy the checks
    */
-  run(rounds, checks, missing = -1) {
+  run(rounds, checks, missing) {
     const { leastTanh, mostTanh, mostProduct } = this.#bounds;
     const graph = [this.#sums.starts, this.#sums.members, this.#sumTanh, this.#known];
     const numbers = [leastTanh, mostTanh, mostProduct, Math.exp(MAX_TOTAL), missing, rounds];

@@ -1,6 +1,8 @@
 /** Where a display may be, what it may show, and how surely its pilots toggle there. */
 
-import { receiverPilotsSearchProposals } from "../../../../generated/constants.js";
+import {
+  receiverPilotsSearchProposals, receiverPilotsSearchWatch,
+} from "../../../../generated/constants.js";
 import { equalised, withoutDetails } from "../../../image/levels.js";
 import { frameCorners, homographyFromCorners, transform } from "../../../link/geometry.js";
 import { rolled } from "../../locate/quads.js";
@@ -17,8 +19,7 @@ export const { CANDIDATES, CLEAREST, LEAVING, STRONGEST, FRAME_SHARE, PROMISING 
   receiverPilotsSearchProposals;
 const { BRIGHT_PX, DARK_PX, STATES_HZ } = receiverPilotsSearchProposals;
 
-/** More units of work than a frame has room for: the next step needs the next frame. */
-export const NEXT_FRAME = Infinity;
+export const { NEXT_FRAME } = receiverPilotsSearchWatch;
 /** Units of work of one frame's view of a display, and of a glance at it. */
 export const VIEW_WORK = 0.6;
 export const GLANCE_WORK = 10;

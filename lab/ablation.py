@@ -9,28 +9,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import pandas as pd
 from matplotlib.figure import Figure
 
 from data_gen.frame_pair import Source
 from data_gen.pairs import PAIRS
-from lab.ablation.page import ablation_figure, ablation_tables
-from lab.ablation.results import Ablation, AblationEntry, CellBehind
-from lab.ablation.switches import ROWS, WHOLE_DECODERS, row_method
 from lab.study import Results, Study, StudyFlags, Workshop
 from link.errors import InputError, at_least, choose, each_once
 from link.layout import make_layout
 from models.phi.checkpoint import load_checkpoint
+from reports.ablation.page import ablation_figure, ablation_tables
+from reports.ablation.results import Ablation, compare_rows
+from reports.ablation.switches import ROWS, WHOLE_DECODERS, row_method
 from reports.engine.conditions import SETTINGS, named_condition
 from reports.render.reliability import calibration_table, reliability_figure
 from reports.render.tables import Table
-from reports.score.accuracy import pool, score
-from reports.score.paired import COUNTS, cells_behind, compare, tally
 from reports.score.reliability import ALL, reliability_curves
-
-REFERENCES = ("oorc", "full")
-"""Rows with which every other row is compared, where they are decoded."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +33,7 @@ class AblationFlags(StudyFlags):
     conditions: tuple[str, ...] = tuple(SETTINGS)
     """Settings of the channel, named in reports/engine/conditions.py."""
     rows: tuple[str, ...] = ROWS
-    """Rows, named in lab/ablation/switches.py; the references oorc and full always
+    """Rows, named in reports/ablation/switches.py; the references oorc and full always
     join."""
     learned: bool = True
     """Add the trained decoder."""
@@ -89,58 +82,6 @@ def measure_ablation(flags: AblationFlags, workshop: Workshop) -> Ablation:
     entries, behind = compare_rows(records, flags.seed)
     curves = reliability_curves(records, [row for row in rows if row in WHOLE_DECODERS])
     return Ablation(entries, behind, curves)
-
-
-def compare_rows(records: pd.DataFrame, seed: int) -> tuple[list[AblationEntry], list[CellBehind]]:
-    """Count the errors of every row in every condition, and compare rows with the references.
-
-    Args:
-        records: predictions of all rows in all conditions.
-        seed: seed of the resamples, which are the same for every comparison.
-
-    Returns:
-        one entry for each condition and row, and one for each cell in which a decoder to use is
-        behind OORC beyond the paired 95 % interval.
-    """
-    entries, behind = [], []
-    for condition, mine in records.groupby("condition", sort=False):
-        rows = list(mine["method"].unique())
-        for row in pool(score(mine)).itertuples():
-            against = {}
-            for reference in REFERENCES:
-                if reference in rows and reference != row.method:
-                    counts = tally(mine, row.method, reference)[COUNTS].to_numpy()
-                    against[reference] = compare(counts, np.random.default_rng(seed))
-            entries.append(
-                AblationEntry(
-                    row=row.method,
-                    condition=str(condition),
-                    frames=int(row.frames),
-                    bits=int(row.bits),
-                    errors=int(row.errors),
-                    error=row.errors / row.bits,
-                    ci_low=1 - row.high,
-                    ci_high=1 - row.low,
-                    against=against,
-                )
-            )
-        for row in rows:
-            if row in WHOLE_DECODERS:
-                rng = np.random.default_rng(seed)
-                for cell, paired in cells_behind(mine, row, "oorc", rng):
-                    behind.append(
-                        CellBehind(
-                            row=row,
-                            condition=str(condition),
-                            pair=str(cell["pair"]),
-                            view_deg=float(cell["view_deg"]),
-                            kappa=int(cell["kappa"]),
-                            difference=paired.difference,
-                            low=paired.low,
-                            high=paired.high,
-                        )
-                    )
-    return entries, behind
 
 
 def ablation_blocks(results: Mapping[str, Results[Ablation]]) -> dict[str, str]:

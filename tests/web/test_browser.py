@@ -6,8 +6,7 @@ import time
 from pathlib import Path
 
 import pytest
-
-from lab.films.browser import serve_folder
+from browser import serve_folder
 
 CLOSE_AT_ONCE = struct.pack("ii", 1, 0)
 """Value of SO_LINGER at which a connection is reset instead of being ended in order."""

@@ -1,12 +1,18 @@
-"""What an ablation measures, checked."""
+"""What an ablation measures: every row against its references, on identical captures."""
 
 from dataclasses import dataclass, field
 
-from lab.ablation.switches import ADDED, REMOVED, WHOLE_DECODERS
+import numpy as np
+import pandas as pd
+
+from reports.ablation.switches import ADDED, REMOVED, WHOLE_DECODERS
 from reports.engine.checked import Count, Number, Share
-from reports.score.paired import Paired
+from reports.score.accuracy import pool, score
+from reports.score.paired import COUNTS, Paired, cells_behind, compare, tally
 from reports.score.reliability import Bin
 
+REFERENCES = ("oorc", "full")
+"""Rows with which every other row is compared, where they are decoded."""
 BLOCKS = {
     "Added to plain OORC": ("oorc", ("oorc", "phi", *ADDED, "full", "learned")),
     "Removed from the full decoder": ("full", ("full", *REMOVED, "learned")),
@@ -83,3 +89,55 @@ class Ablation:
             against |= {"oorc"} if entry.row in WHOLE_DECODERS else set()
             if not against <= set(entry.against):
                 raise ValueError(f"{entry.row:.40} lacks a comparison")
+
+
+def compare_rows(records: pd.DataFrame, seed: int) -> tuple[list[AblationEntry], list[CellBehind]]:
+    """Count the errors of every row in every condition, and compare rows with the references.
+
+    Args:
+        records: predictions of all rows in all conditions.
+        seed: seed of the resamples, which are the same for every comparison.
+
+    Returns:
+        one entry for each condition and row, and one for each cell in which a decoder to use is
+        behind OORC beyond the paired 95 % interval.
+    """
+    entries, behind = [], []
+    for condition, mine in records.groupby("condition", sort=False):
+        rows = list(mine["method"].unique())
+        for row in pool(score(mine)).itertuples():
+            against = {}
+            for reference in REFERENCES:
+                if reference in rows and reference != row.method:
+                    counts = tally(mine, row.method, reference)[COUNTS].to_numpy()
+                    against[reference] = compare(counts, np.random.default_rng(seed))
+            entries.append(
+                AblationEntry(
+                    row=row.method,
+                    condition=str(condition),
+                    frames=int(row.frames),
+                    bits=int(row.bits),
+                    errors=int(row.errors),
+                    error=row.errors / row.bits,
+                    ci_low=1 - row.high,
+                    ci_high=1 - row.low,
+                    against=against,
+                )
+            )
+        for row in rows:
+            if row in WHOLE_DECODERS:
+                rng = np.random.default_rng(seed)
+                for cell, paired in cells_behind(mine, row, "oorc", rng):
+                    behind.append(
+                        CellBehind(
+                            row=row,
+                            condition=str(condition),
+                            pair=str(cell["pair"]),
+                            view_deg=float(cell["view_deg"]),
+                            kappa=int(cell["kappa"]),
+                            difference=paired.difference,
+                            low=paired.low,
+                            high=paired.high,
+                        )
+                    )
+    return entries, behind

@@ -6,8 +6,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator
 
-from lab.ablation.results import BLOCKS, Ablation, AblationEntry, CellBehind
-from lab.ablation.switches import WHOLE_DECODERS
+from reports.ablation.results import BLOCKS, Ablation, AblationEntry, CellBehind
+from reports.ablation.switches import WHOLE_DECODERS
 from reports.render.charts import in_style
 from reports.render.tables import Table, TableCell, Tint, difference_interval, number, percent
 from reports.score.paired import MIN_FRAMES, Paired
@@ -16,23 +16,24 @@ TICKS = (-30, -10, -3, -1, 0, 1, 3, 10, 30)
 """Ticks of the picture's scale, in points; the scale is linear within 1 and logarithmic beyond."""
 
 
-def ablation_tables(ablation: Ablation, frames: int) -> list[Table]:
+def ablation_tables(ablation: Ablation, frames: int | None = None) -> list[Table]:
     """Return what each switch is worth, and how the whole decoders stand against OORC.
 
     Args:
         ablation: what was measured.
-        frames: number of frame pairs in each cell.
+        frames: number of frame pairs in each cell; None where cells differ in it.
 
     Returns:
         a table for each of `BLOCKS` (rows of the ablation by conditions; the error in per cent, and
-        beside it the paired difference to the reference), and one of the whole decoders.
+        beside it the paired difference to the reference), and one of the whole decoders where
+        cells are alike.
     """
     tables = [_switch_table(ablation.entries, title) for title in BLOCKS]
-    return [*tables, _whole_decoders_table(ablation, frames)]
+    return tables if frames is None else [*tables, _whole_decoders_table(ablation, frames)]
 
 
 @in_style
-def ablation_figure(ablation: Ablation) -> Figure:
+def ablation_figure(ablation: Ablation, kind: str = "simulated captures") -> Figure:
     """Draw the paired differences with their intervals, one panel a block and condition.
 
     Green is better than the reference beyond the interval, red is worse, gray is neither.
@@ -64,7 +65,7 @@ def ablation_figure(ablation: Ablation) -> Figure:
         line[0].set_yticks(range(len(rows)), rows, fontsize=9)
         line[0].set_ylim(len(rows) - 0.5, -0.5)
         line[0].set_ylabel(f"less that of {reference}", fontsize=9)
-    label = "difference in accuracy, points, paired 95 % interval (simulated captures)"
+    label = f"difference in accuracy, points,\npaired 95 % interval ({kind})"
     figure.supxlabel(label, fontsize=9)
     figure.tight_layout()
     return figure
@@ -93,7 +94,10 @@ def _switch_table(entries: Sequence[AblationEntry], title: str) -> Table:
     bits = {entry.condition: entry.bits for entry in entries}
     shown = [row for row in dict.fromkeys(entry.row for entry in entries) if row in rows]
     return Table(
-        [f"row, against {reference}", *(f"{name}, {count:,} bits" for name, count in bits.items())],
+        [
+            f"row, against {reference}",
+            *(f"{name or 'all'}, {count:,} bits" for name, count in bits.items()),
+        ],
         [[row, *(_error_cell(by_place[row, name], reference) for name in bits)] for row in shown],
         title,
     )

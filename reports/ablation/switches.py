@@ -39,7 +39,7 @@ WHOLE_DECODERS = ("full", "learned")
 
 
 def row_method(row: str, checkpoint: Path | None) -> Method:
-    """Return the method that decodes a row.
+    """Return the method that decodes a row; films it reads pair by pair.
 
     >>> dict(row_method("full-rows", Path("none")).options)["config"].rows
     False
@@ -57,5 +57,5 @@ def row_method(row: str, checkpoint: Path | None) -> Method:
     elif row == "full" or row in REMOVED:
         config = replace(FULL, **REMOVED.get(row, {}))
     else:
-        return methods_for([row], checkpoint)[0]
-    return Method("phi", (("config", config),), label=row)
+        return replace(methods_for([row], checkpoint)[0], by_pairs=True)
+    return Method("phi", (("config", config),), label=row, by_pairs=True)

@@ -1,0 +1,1 @@
+"""Own recordings become captures: films or photographs of a display, and what it showed."""

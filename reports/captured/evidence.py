@@ -1,0 +1,248 @@
+"""What the report says of films: where and when bits are wrong, and what the receiver saw."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from link.captures import KnownWindow, load_entry, read_manifest
+from link.frames import Captured
+from link.images import as_gray, write_image
+from link.layout import Layout, block_mean
+from link.outside import is_file, read_json
+from models.film.window import gray_frames
+from reports.captured.door import FILMS
+from reports.engine.checked import Count, Number, checked
+from reports.score.reliability import binned_information, confidence_bins, known_scores
+
+BIN_S = 0.25
+"""Seconds of film over which wrong bits are counted together."""
+LEVELS = 16
+"""Width of the bins of gray levels over which wrong bits are counted together."""
+MAP_PX = 384
+"""Width of the pictures that show which blocks are misread, pixels."""
+WORST = 0.5
+"""Share of wrong bits that such a picture shows brightest: as many as chance has."""
+FEW, ALL = np.array([249, 221, 216]), np.array([165, 20, 10])
+"""Colours, R, G and B, of blocks with few wrong bits, and with as many as chance."""
+PICTURES = "stories"
+"""Folder, in that of a run, of its pictures."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the display was at a time."""
+
+    time_s: Number
+    """Time, seconds of the film."""
+    corners: list[tuple[Number, Number]]
+    """Four corners, pixels of the camera's frame."""
+
+
+@dataclass(frozen=True)
+class FilmSeen:
+    """What the receiver saw of a film."""
+
+    film: str
+    """Name of the film."""
+    fps: Number = 0.0
+    """Nominal number of frames a second."""
+    seconds: Number = 0.0
+    """Length, seconds."""
+    size: tuple[Count, Count] = (0, 0)
+    """Width and height of its frames, pixels."""
+    frames: Count = 0
+    """Number of frames."""
+    found: Count = 0
+    """Number of frames in which the display was found."""
+    state_hz: Number | None = None
+    """Number of states a second of the display by the clock that was found; None for none."""
+    exposed: Number = 0.0
+    """Length of an exposure, in states of the display."""
+    level: Number | None = None
+    """Mean gray level of the display in [0, 255]; None where nothing was measured."""
+    clipped: Number = 0.0
+    """Share of the display's pixels at the camera's limit."""
+    cut: Count = 0
+    """Number of frames with a part of the display outside the image."""
+    places: list[Place] = field(default_factory=list)
+    """Where the display was, some times a second."""
+
+
+@dataclass(frozen=True)
+class WrongBits:
+    """Wrong bits of a method at some value of what is told apart, such as a time."""
+
+    method: str
+    """Label of the method."""
+    value: Number
+    """The value: seconds of the film, or a captured gray level."""
+    wrong: Count
+    """Number of wrong bits."""
+    known: Count
+    """Number of bits whose truth is known, at least 1."""
+    film: str = ""
+    """Name of the film; empty where all films count together."""
+
+
+@dataclass(frozen=True)
+class Told:
+    """What the scores of a method tell."""
+
+    method: str
+    """Label of the method."""
+    read: Number
+    """Share of the bits that were not erased."""
+    information: Number
+    """Bits of information in a block and frame pair."""
+    bit_s: Number | None
+    """Bits of information a second; None where no film tells the display's rate."""
+
+
+@dataclass(frozen=True)
+class FilmEvidence:
+    """All that the report says of the films of a run."""
+
+    seen: list[FilmSeen]
+    """What the receiver saw of each film."""
+    times: list[WrongBits]
+    """Wrong bits over the time of each film."""
+    levels: list[WrongBits]
+    """Wrong bits by the captured gray level of the block."""
+    maps: list[tuple[str, str]]
+    """Method, and file of the picture of its misread blocks, in the run's folder."""
+    told: list[Told]
+    """What the scores of each method tell."""
+
+
+def film_evidence(
+    captures: Path, records: pd.DataFrame, folder: Path, pictures: bool
+) -> FilmEvidence:
+    """Count wrong bits over time, display and gray level.
+
+    Args:
+        captures: folder with a manifest.
+        records: predictions of its entries.
+        folder: folder of the run, which gets the pictures.
+        pictures: whether pictures are made.
+    """
+    seen = read_seen(captures)
+    rows: list[pd.DataFrame] = []
+    grids: dict[str, dict[tuple[int, int], NDArray[np.float64]]] = {}
+    by_index = dict(list(records.groupby("index")))
+    for index, entry in enumerate(read_manifest(captures)):
+        captured = load_entry(captures, entry)
+        pairs = captured.observation.mixture.count if isinstance(captured, KnownWindow) else 1
+        level = np.clip(np.tile(block_levels(captured), pairs), 0, 255)
+        begin = float(entry.get("time_s", 0.0))
+        end = float(entry.get("end_s", begin))
+        middles = begin + (end - begin) * (np.arange(pairs) + 0.5) / pairs
+        time = np.repeat(middles, captured.layout.n_bits)
+        for row in by_index[index].itertuples() if index in by_index else ():
+            known = row.bits >= 0
+            wrong = ((row.scores > 0) != row.bits) & known
+            place = pd.DataFrame({"time": time // BIN_S, "level": level // LEVELS})
+            place["known"], place["wrong"] = known, wrong
+            counted = place.groupby(["time", "level"]).sum().reset_index()
+            rows.append(counted.assign(method=row.method, film=str(entry.get("film", ""))))
+            layout = captured.layout
+            grid = grids.setdefault(str(row.method), {})
+            size = layout.rows, layout.cols
+            counts = grid.setdefault(size, np.zeros((2, *size)))
+            for number, mine in enumerate((wrong, known)):
+                counts[number][layout.message_mask] += mine.reshape(pairs, -1).sum(0)
+    table = pd.concat(rows)
+    return FilmEvidence(
+        seen,
+        _wrong_bits(table, "time", BIN_S, ["film"]),
+        _wrong_bits(table, "level", LEVELS, []),
+        _maps(grids, folder) if pictures else [],
+        told_by(records, seen, read_manifest(captures)),
+    )
+
+
+def read_seen(captures: Path) -> list[FilmSeen]:
+    """Read what the receiver saw, where the folder says it; nothing elsewhere."""
+    file = captures / FILMS
+    if not is_file(file):
+        return []
+    content: Any = read_json(file)
+    films = content.get("films") if isinstance(content, dict) else None
+    return checked(list[FilmSeen], films, str(file))
+
+
+def block_levels(captured: KnownWindow | Captured) -> NDArray[np.float64]:
+    """Measure the captured gray level, 0 to 255, of each message block: (n_bits,)."""
+    layout = captured.layout
+    if isinstance(captured, KnownWindow):
+        gray = gray_frames(captured.observation).mean(0)
+    else:
+        gray = as_gray(captured.rectified().original)
+    mean = block_mean(gray.astype(np.float64), layout.rows, layout.cols)
+    return np.asarray(mean[layout.message_mask], np.float64)
+
+
+def _wrong_bits(table: pd.DataFrame, by: str, width: float, more: Sequence[str]) -> list[WrongBits]:
+    """Sum counts by method and one column, whose bins are given at their middle."""
+    sums = table.groupby(["method", *more, by], sort=False)[["wrong", "known"]].sum().reset_index()
+    sums = sums[sums["known"] > 0].sort_values(by, kind="stable")
+    return [
+        WrongBits(
+            str(row["method"]),
+            round((float(row[by]) + 0.5) * width, 3),
+            int(row["wrong"]),
+            int(row["known"]),
+            str(row["film"]) if more else "",
+        )
+        for _, row in sums.iterrows()
+    ]
+
+
+def _maps(
+    grids: dict[str, dict[tuple[int, int], NDArray[np.float64]]], folder: Path
+) -> list[tuple[str, str]]:
+    """Draw the blocks that each method misreads, of the grid that was recorded most."""
+    found = []
+    for number, (method, by_grid) in enumerate(grids.items()):
+        wrong, known = max(by_grid.values(), key=lambda counts: counts[1].sum())
+        share = np.where(known > 0, wrong / np.maximum(known, 1), 0)
+        scaled = np.clip(share / WORST, 0, 1) ** 0.5
+        tint = FEW + (ALL - FEW) * scaled[..., None]
+        shown = np.where((scaled > 0)[..., None], tint, 245).astype(np.uint8)
+        shown[known == 0] = 205
+        height = round(MAP_PX * 3 / 4)
+        large = cv2.resize(shown, (MAP_PX, height), interpolation=cv2.INTER_NEAREST)
+        name = f"{PICTURES}/map_{number}.jpg"
+        write_image(folder / name, np.asarray(large, np.uint8))
+        found.append((method, name))
+    return found
+
+
+def told_by(
+    records: pd.DataFrame, seen: Sequence[FilmSeen], entries: Sequence[dict[str, Any]]
+) -> list[Told]:
+    """Work out what scores tell, by how often bits of like scores are right.
+
+    A second tells of as many blocks as the display shows in it: the mean over the entries, each of
+    whose films has a rate.
+    """
+    rates = {film.film: film.state_hz for film in seen}
+    blocks = [
+        (rates.get(str(entry.get("film"))) or 0) / 2 * Layout.from_dict(entry["layout"]).n_bits
+        for entry in entries
+    ]
+    found = []
+    for method in records["method"].unique():
+        if not (records.loc[records["method"] == method, "known"] > 0).any():
+            continue
+        scores, bits = known_scores(records, method)
+        read = scores != 0
+        told = binned_information(confidence_bins(scores[read], bits[read]), bits.size)
+        rate = float(np.mean(blocks))
+        found.append(Told(str(method), float(read.mean()), told, told * rate if rate else None))
+    return found

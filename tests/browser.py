@@ -1,0 +1,61 @@
+"""Chromium without a window, and a server of the folder that it shows."""
+
+import shutil
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+"""Names of the programs that are looked for, the first one first."""
+BROWSER_FLAGS = [
+    "--no-sandbox",  # tests may run as root
+    "--disable-gpu",
+    "--disable-quic",
+    "--disable-sync",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+]
+"""Flags with which Chromium is started."""
+
+
+def find_browser() -> str | None:
+    """Path of the machine's Chromium, or None where there is none."""
+    return next((path for path in map(shutil.which, BROWSERS) if path), None)
+
+
+class QuietHandler(SimpleHTTPRequestHandler):
+    """Serves a folder's files, and prints nothing."""
+
+    def log_message(self, *_: object) -> None:
+        """Leave out the line that is usually printed for each request."""
+
+    def copyfile(self, source: Any, outputfile: Any) -> None:
+        """Send a file, or as much of it as the browser wants before it leaves the page."""
+        with suppress(ConnectionError):
+            super().copyfile(source, outputfile)
+
+
+@contextmanager
+def serve_folder(folder: Path) -> Iterator[str]:
+    """Serve a folder to this machine alone; gives its address, which ends with a slash."""
+    handler = partial(QuietHandler, directory=folder)
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        try:
+            yield f"http://127.0.0.1:{server.server_port}/"
+        finally:
+            server.shutdown()
+
+
+def text_of(page: "Page", name: str) -> str:
+    """Text of the element of a page that has an id."""
+    script = "name => document.getElementById(name).textContent"
+    return str(page.evaluate(script, name))

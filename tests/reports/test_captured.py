@@ -1,0 +1,265 @@
+"""Own films and photographs become captures with the right truth, or are refused."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Command
+from numpy.typing import NDArray
+
+import evaluate
+from data_gen.channel.stills import capture
+from data_gen.film.codec import through_codec
+from data_gen.film.message import FilmSettings, Take, film_message
+from data_gen.pairs import get_pair
+from data_gen.pictures.library import load_pictures
+from link.captures import read_manifest
+from link.embed import embed
+from link.errors import InputError
+from link.frames import Captured
+from link.images import read_image, write_image
+from link.layout import Layout, make_layout
+from link.presets import PRESETS
+from reports.captured.door import check_film, open_recordings, photographed
+from reports.captured.receive import Cut
+from reports.captured.sent import Sent, read_sent, sent_bits
+from reports.captured.truth import match_loop
+from sender import __main__ as send
+
+Bits = NDArray[np.integer]
+LOOP = np.random.default_rng(3).integers(0, 2, (28, 59))
+OTHER = np.random.default_rng(4).integers(0, 2, (28, 59))
+
+
+def read(bits: Bits, wrong: float = 0.03, seed: int = 0) -> NDArray[np.float64]:
+    """Scores of bits of which a share is wrong, as sure as that share says."""
+    rng = np.random.default_rng(seed)
+    sure = np.log((1 - wrong) / wrong)
+    flipped = rng.random(bits.shape) < wrong
+    return np.where((bits > 0) ^ flipped, sure, -sure)
+
+
+def shown(start: int, count: int, loop: Bits = LOOP) -> Bits:
+    return loop[(start + np.arange(count)) % len(loop)]
+
+
+# What a part of a film shows
+
+
+@pytest.mark.parametrize("start", [0, 5, 21, 27])
+@pytest.mark.parametrize("wrong", [0.001, 0.1, 0.25])
+def test_a_film_may_start_anywhere(start: int, wrong: float) -> None:
+    found = match_loop(read(shown(start, 9), wrong), LOOP)
+    assert (found.kind, found.place) == ("fits", start)
+    np.testing.assert_array_equal(found.bits, shown(start, 9))
+
+
+@pytest.mark.parametrize("at", [1, 4, 8])
+@pytest.mark.parametrize("to", [0, 2, 17])
+def test_a_cut_within_a_part_is_seen(at: int, to: int) -> None:
+    bits = np.concatenate([shown(3, at), shown(3 + at + 1 + to, 9 - at)])
+    assert match_loop(read(bits), LOOP).kind == "jumps"
+
+
+@pytest.mark.parametrize(
+    "bits",
+    [
+        shown(0, 9, OTHER),
+        1 - shown(4, 9),  # the two states the other way round
+        shown(4, 9)[::-1],
+        np.repeat(shown(4, 3), 3, axis=0),  # each frame pair held for three
+    ],
+)
+def test_what_fits_no_part_is_no_truth(bits: Bits) -> None:
+    assert match_loop(read(bits), LOOP).kind in ("other", "jumps")
+
+
+def test_what_is_not_read_is_no_truth() -> None:
+    noise = np.random.default_rng(0).normal(size=(9, 59)) * 0.2
+    assert match_loop(noise, LOOP).kind == "unclear"
+    assert match_loop(np.zeros((9, 59)), LOOP).kind == "unclear"
+
+
+@pytest.mark.parametrize(
+    ("parts", "words"),
+    [
+        ([shown(0, 9), shown(9, 9), shown(18, 9)], None),
+        ([shown(0, 9), shown(20, 9), shown(3, 9)], None),  # cut between two parts
+        ([shown(0, 9), shown(0, 9, OTHER), shown(20, 9)], None),  # a cut makes one part strange
+        ([shown(0, 9), shown(9, 9), shown(0, 9, OTHER)], "from 2.0 s on it is read well"),
+        ([shown(0, 9, OTHER), shown(0, 9)], "from 0.0 s on it is read well"),
+        ([shown(0, 9), *[shown(k, 9, OTHER) for k in (0, 9)], shown(3, 9)], "from 1.0 s"),
+        ([np.concatenate([shown(0, 4), shown(15, 5)])], "does not go on as the loop"),
+    ],
+)
+def test_films_are_right_or_refused(parts: list[Bits], words: str | None) -> None:
+    scores = [read(part) for part in parts]
+    cuts = [Cut(at, at + 1.0, make_layout(), part, None) for at, part in enumerate(scores)]
+    matches = [match_loop(part, LOOP) for part in scores]
+    if words is None:
+        check_film(Path("film.mp4"), cuts, matches)
+        for match, part in zip(matches, parts, strict=True):
+            if match.kind == "fits":
+                np.testing.assert_array_equal(match.bits, part)
+    else:
+        with pytest.raises(InputError, match=words):
+            check_film(Path("film.mp4"), cuts, matches)
+
+
+# What was sent
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("preset", PRESETS)
+def test_player_and_states_say_the_same(tmp_path: Path, preset: str, command: Command) -> None:
+    layout = PRESETS[preset].layout
+    picture = load_pictures("test", layout.width, layout.height)[0].rgb
+    write_image(tmp_path / "picture.png", picture)
+    flags = [tmp_path / "picture.png", "--message", "Hi", "--preset", preset, "--out"]
+    command(send.main, *flags, tmp_path / "sent")
+    command(send.main, *flags, tmp_path / "sent.html")
+    player, states = read_sent(tmp_path / "sent.html"), read_sent(tmp_path / "sent" / "sent.json")
+    assert (player.layout, player.kappa) == (states.layout, states.kappa) == (layout, player.kappa)
+    rounds = np.arange(len(states.bits)) % len(player.bits)
+    np.testing.assert_array_equal(states.bits, player.bits[rounds])
+
+
+@pytest.mark.parametrize("kappa", [1, 3, 10])
+@pytest.mark.parametrize("level", [0, 1, 2])
+def test_bits_are_read_from_the_states(
+    tmp_path: Path, layout: Layout, kappa: int, level: int
+) -> None:
+    rng = np.random.default_rng(kappa)
+    picture = load_pictures("test", layout.width, layout.height)[1].rgb
+    states = embed(picture, rng.integers(0, 2, layout.n_bits), layout, kappa, level)
+    paths = [tmp_path / "a.png", tmp_path / "b.png"]
+    for path, state in zip(paths, (states.original, states.embedded), strict=True):
+        write_image(path, state)
+    assert np.array_equal(sent_bits(paths, layout, kappa), states.bits)
+
+
+@pytest.mark.parametrize("content", ["", "<html>", '<script type="application/json" id="loop">{}'])
+def test_what_is_no_player_is_refused(tmp_path: Path, content: str) -> None:
+    (tmp_path / "player.html").write_text(content)
+    with pytest.raises(InputError, match="is no player"):
+        read_sent(tmp_path / "player.html")
+
+
+# Photographs
+
+
+@pytest.fixture(scope="module")
+def photos(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Sent]:
+    """Photographs of four frame pairs from a tripod, and what was sent."""
+    folder, layout = tmp_path_factory.mktemp("photos"), make_layout()
+    picture = load_pictures("test", layout.width, layout.height)[0].rgb
+    bits = np.random.default_rng(1).integers(0, 2, (4, layout.n_bits))
+    for number, own in enumerate(bits):
+        rng = np.random.default_rng(7)  # the camera stands still
+        taken = capture(embed(picture, own, layout, 3), get_pair("canon-lg"), 30.0, rng)
+        for kind in ("original", "embedded"):
+            name = f"{2 * number + (kind == 'embedded')}.png"
+            write_image(folder / name, getattr(taken, kind))
+    return folder, Sent(layout, 3, bits, "")
+
+
+@pytest.mark.slow
+def test_photographs_in_order_become_captures(photos: tuple[Path, Sent]) -> None:
+    folder, sent = photos
+    found = photographed(folder, sent)
+    assert all(isinstance(each, Captured) for each in found)
+    np.testing.assert_array_equal([each.bits for each in found], sent.bits)
+
+
+ORDERS: dict[str, tuple[list[int], int]] = {
+    "first doubled, last left out": ([0, 0, 1, 2, 3, 4, 5, 6], 1),
+    "third doubled, last left out": ([0, 1, 2, 2, 3, 4, 5, 6], 3),
+    "fourth doubled, last left out": ([0, 1, 2, 3, 3, 4, 5, 6], 5),
+    "first missing, last doubled": ([1, 2, 3, 4, 5, 6, 7, 7], 1),
+    "fifth missing, last doubled": ([0, 1, 2, 3, 5, 6, 7, 7], 5),
+    "pair of states turned round": ([0, 1, 3, 2, 4, 5, 6, 7], 3),
+    "two pairs exchanged": ([0, 1, 4, 5, 2, 3, 6, 7], 3),
+    "a pair doubled, one left out": ([0, 1, 2, 3, 2, 3, 6, 7], 5),
+    "embedded frames exchanged": ([0, 3, 2, 1, 4, 5, 6, 7], 1),
+    "shuffled": ([4, 3, 6, 1, 0, 5, 2, 7], 1),
+    "one state alone": ([2] * 8, 1),
+    "begun in the middle": ([4, 5, 6, 7, 0, 1, 2, 3], 1),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ORDERS)
+def test_photographs_out_of_order_are_refused(
+    kind: str, photos: tuple[Path, Sent], tmp_path: Path
+) -> None:
+    folder, sent = photos
+    order, first = ORDERS[kind]
+    for place, number in enumerate(order):
+        (tmp_path / f"{place}.png").write_bytes((folder / f"{number}.png").read_bytes())
+    with pytest.raises(InputError, match=f"no. {first} "):
+        photographed(tmp_path, sent)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("change", ["other message", "too few"])
+def test_photographs_of_something_else_are_refused(
+    change: str, photos: tuple[Path, Sent], tmp_path: Path
+) -> None:
+    folder, sent = photos
+    if change == "other message":
+        with pytest.raises(InputError, match=r"no\. 1 "):
+            photographed(folder, replace(sent, bits=1 - sent.bits[::-1]))
+        return
+    write_image(tmp_path / "1.png", read_image(folder / "1.png"))
+    with pytest.raises(InputError, match="1 photographs of 8 states"):
+        photographed(tmp_path, sent)
+
+
+# A film from end to end
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("preset", ["paper", "robust"])
+def test_a_film_is_evaluated_and_goes_on_where_it_was_cut_off(
+    preset: str, tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = FilmSettings(
+        preset=preset, kappa=PRESETS[preset].kappa, n_bytes=40, coverage=(0.5, 0.6)
+    )
+    filmed = film_message(Take(settings, "canon-lg", 10.0, 0, 0))
+    frames = tmp_path / "film_10deg"
+    for frame in through_codec(filmed.frames, settings.codec, settings.fps):
+        if frame.time_s > 3:
+            break
+        number = round(frame.time_s * settings.fps)  # frames that were lost are gaps
+        write_image(frames / f"{number:03d}.png", frame.rgb)
+    sent = Sent(settings.layout, settings.kappa, filmed.bits.astype(np.int64), "digest")
+    monkeypatch.setattr("reports.captured.door.read_sent", lambda path: sent)
+    out = tmp_path / "run"
+    run = ["--captures", frames, "--sent", tmp_path / "player.html", "--out", out, "--jobs", 1]
+    run += ["--methods", "naive", "oorc"]
+    command(evaluate.main, *run)
+    rows = json.loads((out / "metrics.json").read_text())["rows"]
+    assert {row["method"]: row["accuracy"] > 0.75 for row in rows} == {"naive": True, "oorc": True}
+    assert {(row["pair"], row["view_deg"]) for row in rows} == {("film_10deg", 10.0)}
+    entries = read_manifest(out / "captures")
+    assert all(entry["film"] == "film_10deg" for entry in entries)
+    predictions = out / "predictions.jsonl"
+    before = predictions.read_bytes()
+    predictions.with_name("predictions.jsonl.part").write_bytes(before[: len(before) // 2])
+    predictions.unlink()
+    command(evaluate.main, *run)
+    assert predictions.read_bytes() == before
+    page = (out / "report.html").read_text()
+    assert "What the receiver saw" in page
+    other = replace(sent, bits=1 - sent.bits)
+    monkeypatch.setattr("reports.captured.door.read_sent", lambda path: other)
+    done = command(evaluate.main, *run[:4], "--out", tmp_path / "other", status=2)
+    assert "does not show what --sent holds" in done.stderr
+
+
+def test_a_place_without_films_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such film"):
+        open_recordings(tmp_path / "no", tmp_path, photos=False, meta={})
