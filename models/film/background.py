@@ -27,21 +27,23 @@ UNKNOWN = 1e4
 
 
 @dataclass(frozen=True)
-class Smoothed:
-    """What all frames say of the level of each block."""
+class Spread:
+    """How well all frames tell the level of each block."""
 
-    level: Tensor
-    """(T, B) means, gray levels."""
     variance: Tensor
     """(T, B) variances, squared gray levels."""
     carry: Tensor
     """(T, B) covariance of the level with that of the next frame, over the variance there; of the
     last frame 0."""
 
-    def steps(self) -> Tensor:
-        """Give the expected square of each step of the level, (T, B); of the last frame 0."""
-        level, variance = (torch.cat([each[1:], each[-1:]]) for each in (self.level, self.variance))
-        squares = (level - self.level) ** 2 + self.variance + (1 - 2 * self.carry) * variance
+    def steps(self, level: Tensor) -> Tensor:
+        """Give the expected square of each step of the level, (T, B); of the last frame 0.
+
+        Args:
+            level: (T, B) means, gray levels.
+        """
+        ahead, variance = (torch.cat([each[1:], each[-1:]]) for each in (level, self.variance))
+        squares = (ahead - level) ** 2 + self.variance + (1 - 2 * self.carry) * variance
         return torch.cat([squares[:-1], torch.zeros_like(squares[:1])])
 
 
@@ -51,7 +53,7 @@ class Background:
 
     >>> still = background_of(torch.ones(4, 1), torch.zeros(4, 1))
     >>> y = torch.tensor([[1.0], [3.0], [1.0], [3.0]])
-    >>> still.smooth(y).level.flatten().numpy().round(2).tolist()  # the mean of all frames
+    >>> (y - still.left(y)).flatten().numpy().round(2).tolist()  # the mean of all frames
     [2.0, 2.0, 2.0, 2.0]
     """
 
@@ -96,23 +98,22 @@ class Background:
         (apart,) = scan(step, zero, values, _like(self.gain, values))
         return apart
 
-    def smooth(self, values: Tensor) -> Smoothed:
-        """Find the level of each block by all frames, (T, B)."""
-        filtered = self.before * (1 - self.gain)
+    def left(self, values: Tensor) -> Tensor:
+        """Give what the level by all frames leaves of values, (T, B) each."""
+        return self.noise * self.unwhiten(self.whiten(values))
+
+    def spread(self) -> Spread:
+        """Tell how well all frames together tell the level."""
+        filtered = self.before * self.noise / self.innovation
         after = torch.cat([self.before[1:], torch.ones_like(filtered[:1])])
-        carry = filtered / after * _not_last(filtered)
+        carry = torch.cat([filtered[:-1] / after[:-1], torch.zeros_like(filtered[:1])])
 
-        def back(
-            level: Tensor, variance: Tensor, mean: Tensor, own: Tensor, ahead: Tensor, carry: Tensor
-        ) -> tuple[Tensor, ...]:
-            smooth = mean + carry * (level - mean)
+        def back(variance: Tensor, own: Tensor, ahead: Tensor, carry: Tensor) -> tuple[Tensor, ...]:
             spread = own + carry * carry * (variance - ahead)
-            return smooth, spread, smooth.clone(), spread.clone()
+            return spread, spread.clone()
 
-        means = values - self.innovations(values) * (1 - self.gain)
-        start = means[-1], filtered[-1]
-        level, variance = scan(back, start, means, filtered, after, carry, reverse=True)
-        return Smoothed(level, variance, carry)
+        (variance,) = scan(back, filtered[-1], filtered, after, carry, reverse=True)
+        return Spread(variance, carry)
 
 
 def background_of(noise: Tensor, drift: Tensor) -> Background:
@@ -129,8 +130,3 @@ def background_of(noise: Tensor, drift: Tensor) -> Background:
 def _like(values: Tensor, other: Tensor) -> Tensor:
     """View (T, B) as (T, 1, ..., B), with as many axes as another tensor has."""
     return values.reshape(values.shape[0], *([1] * (other.dim() - 2)), values.shape[1])
-
-
-def _not_last(values: Tensor) -> Tensor:
-    """Make (T, B) of 1, and of 0 for the last frame."""
-    return torch.cat([torch.ones_like(values[1:]), torch.zeros_like(values[:1])])

@@ -38,7 +38,7 @@ from link.strength import (
     STILL_SENSITIVITY,
     UNCERTAINTY_BLOCKS,
 )
-from models.film.background import Background, Smoothed, background_of
+from models.film.background import Background, background_of
 from models.film.patterns import find_patterns
 from models.onnx_ops import inverse_of_one, repeat, scan
 from models.phi.decoder import bin_mean
@@ -47,9 +47,9 @@ from models.phi.refine import GRAY_LEVELS, MOMENTS, logs, typical_response, with
 from models.phi.refine_pilots import LEAST_RESPONSE
 from models.phi.register import derivatives
 
-ROUNDS, EXPLAINED, LEARNED = 5, 2, 2
+ROUNDS, LEARNED = 4, 2
 """Number of rounds, in the first of which the pilots alone tell the amplitude, and number of times
-in each that common changes are fitted, and that noise and motion are estimated."""
+in each that noise and motion are estimated."""
 FIRST_BAND, BANDS = 3, 6
 """Number of half waves over the rows of the slowest band of flicker, and how many bands there are;
 slower ones are polynomials."""
@@ -122,7 +122,7 @@ class Shares:
         """Mix what pairs hold as the exposures do: (P, B) to (T, B)."""
         return (self.shares * self.of_slots(values)).sum(1)
 
-    def energy(self, background: Background, smoothed: Smoothed) -> Tensor:
+    def energy(self, background: Background) -> Tensor:
         """Give the energy s' L s of each pair's shares, L the precision of the background: (P, B).
 
         With R the noise and V the covariance of the level by all frames, L is R^-1 - R^-1 V R^-1,
@@ -130,6 +130,7 @@ class Shares:
         pair showed so far is carried along, in the slot that the pair has in each frame.
         """
         weighted = self.shares / background.noise.unsqueeze(1)  # (T, S, B)
+        spread = background.spread()
 
         def step(
             before: Tensor, now: Tensor, variance: Tensor, carry: Tensor, goes_to: Tensor
@@ -138,7 +139,7 @@ class Shares:
             return goes_to @ (carry * (before + now)), shown
 
         start = torch.zeros_like(weighted[0])
-        inputs = weighted, smoothed.variance, smoothed.carry, self.goes_to
+        inputs = weighted, spread.variance, spread.carry, self.goes_to
         (known,) = scan(step, start, *inputs)
         return self.sums(self.shares * weighted - known)
 
@@ -376,7 +377,7 @@ class FilmDecoder(nn.Module):
         mixed = mixture.mixed(last.x)
         white = background.whiten(torch.stack([values + last.own, mixed, values], 1))
         shown, expected, left = white.unbind(1)
-        energy = mixture.energy(background, background.smooth(values))
+        energy = mixture.energy(background)
         unsure = (energy * (certain - last.x**2)).sum(0)
         amplitude = self._fit_amplitude(expected, unsure, shown, picture.S)
         llr = self._decide(shown, expected, left, energy, last.x, amplitude, mixture, background)
@@ -407,10 +408,8 @@ class FilmDecoder(nn.Module):
         products = ((N * weight) @ N.t()).double() + torch.eye(N.shape[0], dtype=torch.float64)
         solver = inverse_of_one(products) @ (N * weight)  # (n, B)
         limit = CLIP * noise.sqrt()
-        for _ in range(EXPLAINED):
-            left = background.unwhiten(background.whiten(target - shared)) * noise
-            shared = shared + (clip(left, limit) @ solver.t()) @ N
-        return shared
+        left = background.left(target - shared)
+        return shared + (clip(left, limit) @ solver.t()) @ N
 
     def _learn(
         self,
@@ -429,13 +428,13 @@ class FilmDecoder(nn.Module):
             near: averages over neighbouring blocks and frames.
             background: what is known of both so far.
         """
-        smoothed = background.smooth(values)
-        squares = (values - smoothed.level) ** 2 + smoothed.variance + doubt
+        left, spread = background.left(values), background.spread()
+        squares = left**2 + spread.variance + doubt
         squares = squares.minimum(CLIP**2 * background.noise) * near.seen
         frames, trust = near.seen.sum(0, keepdim=True), self.block_trust.exp()
         usual = picture.variance * self._usual(squares / picture.variance)
         noise = (trust * usual + squares.sum(0, keepdim=True)) / (trust + frames) + LEAST_VARIANCE
-        drift = near.mean(smoothed.steps()) + LEAST_DRIFT * noise
+        drift = near.mean(spread.steps(values - left)) + LEAST_DRIFT * noise
         return background_of(near.where_seen(noise.expand_as(values)), drift)
 
     def _weigh_surprises(
@@ -519,7 +518,8 @@ class FilmDecoder(nn.Module):
         along, down = self.spill.exp()
         light = along * (beside[..., :-2] + beside[..., 2:])
         light = light + down * (above[:, :, :-2] + above[:, :, 2:])
-        return light.flatten(1)
+        spilled: Tensor = light.flatten(1)
+        return spilled
 
 
 class Neighbourhood:
