@@ -92,7 +92,7 @@ class Outline:
         H = self._homography(self.corners + self._motion if guess is None else guess)
         values, weight = self._compared(gray, H)
         for _ in range(ROUNDS):
-            step: Array = np.linalg.solve(*self._equations(values, weight))
+            step = np.asarray(np.linalg.solve(*self._equations(values, weight)), np.float64)
             moved = np.linalg.inv(unit_homography(step)) @ np.linalg.inv(self._view_from_unit)
             H = np.asarray(H @ self._view_from_unit @ moved)
             values, weight = self._compared(gray, H)
