@@ -43,6 +43,65 @@ CORRELATED_PX = 9.0
 camera change them together."""
 
 
+PROFILE_PX, ALONG = 8, 32
+"""Distance from a side of a quadrilateral, in pixels of the image, up to which its profile shows
+edges, and number of places along each side over which it is averaged."""
+BETTER = 0.1
+"""Correlation by which one place's profiles must be more like the reference's than another's."""
+
+
+class Border:
+    """Tells which of two places is that of a display, by the edges along its border.
+
+    The edges of picture and bezel lie along the border, whatever the picture shows and however far
+    the wall is behind. What is compared is the mean steepness across each side, by distance from
+    it.
+
+    Args:
+        gray: a reference frame.
+        corners: pixels of the display in it.
+    """
+
+    def __init__(self, gray: Gray, corners: Corners) -> None:
+        self._profiles = border_profiles(gray, corners)
+
+    def is_rather(self, gray: Gray, one: Corners, other: Corners) -> bool:
+        """Tell whether the display is clearly rather at one place than at another in a frame."""
+        first, second = (self._likeness(border_profiles(gray, at)) for at in (one, other))
+        return first > second + BETTER
+
+    def _likeness(self, profiles: Array) -> float:
+        """Correlate all profiles with the reference's, in [-1, 1]."""
+        a, b = (each - each.mean(axis=1, keepdims=True) for each in (profiles, self._profiles))
+        return float((a * b).sum() / np.sqrt((a * a).sum() * (b * b).sum() + 1e-9))
+
+
+def border_profiles(gray: Gray, corners: Corners) -> Array:
+    """Measure how steep a frame is across the sides of a quadrilateral.
+
+    Args:
+        gray: the frame.
+        corners: (4, 2) pixels.
+
+    Returns:
+        (4, 2 `PROFILE_PX`) mean size of the step between neighbouring places, gray levels, from
+        outside to inside.
+    """
+    share = (np.arange(ALONG) + 0.5) / ALONG * 0.8 + 0.1
+    offsets = np.arange(-PROFILE_PX, PROFILE_PX + 1)
+    following = np.roll(corners, -1, axis=0)
+    along = following - corners  # (4, 2)
+    length = np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-6)
+    inwards = np.stack([-along[:, 1], along[:, 0]], axis=1) / length
+    on_side = corners[:, None] + share[:, None] * along[:, None]  # (4, ALONG, 2)
+    at = on_side[:, :, None] + offsets[:, None] * inwards[:, None, None]  # (4, ALONG, offsets, 2)
+    flat = at.reshape(4 * ALONG, -1, 2).astype(np.float32)  # (4, ALONG, ...) -> (4 ALONG, ...)
+    how = {"interpolation": cv2.INTER_LINEAR, "borderMode": cv2.BORDER_REPLICATE}
+    values = cv2.remap(gray, flat[..., 0], flat[..., 1], **how).astype(np.float64)
+    steps = np.abs(np.diff(values, axis=1)).reshape(4, ALONG, -1)  # (4 ALONG, n) -> (4, ALONG, n)
+    return np.asarray(steps.mean(axis=1))
+
+
 class Outline:
     """Follows what surrounds a display, from a reference frame on.
 

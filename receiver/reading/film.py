@@ -25,7 +25,7 @@ MOST_PAIRS = 64
 camera that misses frames would let it grow without end."""
 FINE_BLOCKS = 8000
 """Number of blocks from which a grid counts as fine."""
-STRIDE_S = 0.13
+STRIDE_S = 0.2
 """Seconds of film from one window to the next, or for which the frame pairs of a window were shown
 at least: on slow displays each frame pair is scored as soon as it is over."""
 MISSED, FRESH_FRAMES = 1.5, 12

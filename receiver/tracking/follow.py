@@ -18,7 +18,7 @@ from link.layout import Layout
 from link.types import Array, Corners, Image
 from receiver.locate.refine import OUTSIDE
 from receiver.pilots.motion import moved_corners
-from receiver.pilots.outline import Outline
+from receiver.pilots.outline import Border, Outline
 from receiver.seen import SeenFrame, points_in_view
 from receiver.tracking.corners import CornerShift
 
@@ -59,6 +59,7 @@ class Follower:
         self._picture_moves = picture_moves
         self._shift = CornerShift(layout) if layout.pilots else None
         self._outline: Outline | None = None
+        self._border: Border
         self.corners: Array | None = None
         """(4, 2) pixels of the last frame, in corner order, or None where nothing is followed."""
         self._motion = np.zeros((4, 2))
@@ -110,6 +111,7 @@ class Follower:
         self.corners = corners
         if self._outline is None and self.layout.pilots:
             self._outline = Outline(as_gray(image), corners)
+            self._border = Border(as_gray(image), corners)
         H = homography_from_corners(corners, self.layout.width, self.layout.height)
         self._take_reference(_equalised(rectified), self._view_mask(H, image.shape))
 
@@ -139,12 +141,15 @@ class Follower:
         self._steps += 1
         if outline is None or (step is not None and self._steps % CHECKED):
             return step
-        around = outline.follow(as_gray(image), None if step is None else step[0])
-        block = np.sqrt(cv2.contourArea(self.corners.astype(np.float32)) / self._blocks)
-        if around is None or (
-            step is not None and np.abs(around - step[0]).max() <= APART_BLOCKS * block
-        ):
+        gray = as_gray(image)
+        around = outline.follow(gray, None if step is None else step[0])
+        if around is None:
             return step
+        if step is not None:
+            block = np.sqrt(cv2.contourArea(self.corners.astype(np.float32)) / self._blocks)
+            near = np.abs(around - step[0]).max() <= APART_BLOCKS * block
+            if near or not self._border.is_rather(gray, around, step[0]):
+                return step
         self._picture_moves = True
         return around, False
 

@@ -11,7 +11,7 @@ from link.geometry import homography_from_corners, rectify, resized_homography, 
 from link.layout import Layout
 from link.types import Array, Corners, Gray, Homography
 from receiver.pilots.motion import GridMaps
-from receiver.pilots.outline import Outline
+from receiver.pilots.outline import Border, Outline
 from receiver.pilots.stabilise import Tracks
 
 FAR_OUTSIDE = 0.5
@@ -152,6 +152,7 @@ class MovingOutline:
         self.picture_moves = False
         """Whether what it shows has moved in another way than what surrounds it."""
         self._outline = Outline(gray, quad, OUTLINE_WIDTH)
+        self._border = Border(gray, quad)
         self._far = APART * float(np.sqrt(cv2.contourArea(quad.astype(np.float32))))
 
     def take(self, gray: Gray, shown: Corners | None) -> Surrounded | None:
@@ -168,7 +169,10 @@ class MovingOutline:
             corners = self._outline.follow(gray, shown)
         if corners is None:
             return None
-        self.picture_moves |= shown is None or float(np.abs(corners - shown).max()) > self._far
+        far = shown is None or float(np.abs(corners - shown).max()) > self._far
+        self.picture_moves |= far and (
+            shown is None or self._border.is_rather(gray, corners, shown)
+        )
         motion = homography_between(self.quad, corners)
         return Surrounded(self, motion)
 
