@@ -58,9 +58,14 @@ SETTINGS = {
     "hidden": HIDDEN,
     "slanted": SLANTED,
     "fast": FAST,
+    "moving, robust": FilmSettings(preset="robust", n_bytes=100, carriers="moving"),
+    "moving, 30 fps": replace(HIDDEN, fps=30, n_bytes=100, carriers="moving"),
+    "moving, 60 fps": replace(HIDDEN, fps=60, n_bytes=100, carriers="moving"),
+    "moving, fast": replace(FAST, n_bytes=100, carriers="moving"),
 }
 """Settings of display, camera and message, by name. "slanted" is "fast" on the grid of "hidden",
-whose larger blocks are for slanted and distant displays."""
+whose larger blocks are for slanted and distant displays. Carriers of "moving" are scenes that are
+drawn for each film."""
 
 
 @dataclass(frozen=True)

@@ -96,7 +96,7 @@ REFUSED = [
     ("train", "--frames 0", "--frames"),
     ("train", "--episodes 0", "--episodes"),
     ("train_films", "--lr -1", "--lr: need more than 0"),
-    ("train_films", "--filmed paper", "unknown films 'paper'; choose one of: hidden, fast"),
+    ("train_films", "--filmed paper", "--filmed: paper is read by frame pairs"),
     ("to_onnx", "none", "config.json: not found; train first"),
     ("parity", "none", "config.json: not found; train first"),
     ("runtime", "gone.png e.png", "gone.png: no such image file"),

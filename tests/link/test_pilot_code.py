@@ -75,6 +75,6 @@ def test_states_come_in_the_order_of_the_code() -> None:
 def test_a_file_shows_the_whole_code() -> None:
     loop = coded_loop(CODED, 3)
     states = list(loop.states())
-    assert len(states) == 2 * 9  # three loops hold seven frame pairs
+    assert len(states) == 2 * 21  # loops of three pairs end with a code of seven after 21
     running = LoopStates(loop)
     assert all((state == running[number]).all() for number, state in enumerate(states))

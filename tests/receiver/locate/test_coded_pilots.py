@@ -9,8 +9,9 @@ from link.layout import Layout, make_layout
 from link.pilot_code import PLAIN, STATE_HZ, PilotCode
 from link.pilots import pilot_centres, pilot_signs
 from link.types import Array
-from receiver.pilots.code import MOST_STEPS, PHASES, SLOPES, CodeSearch
+from receiver.pilots.code import CLIPPED, MOST_STEPS, NEAR, PHASES, SLOPES, CodeSearch
 from receiver.pilots.search.pilot_search import PilotSearch
+from receiver.pilots.signal import LEAST_DEVIATION
 
 CODE = PilotCode()
 CODED = make_layout(24, 32, modulation="antipodal", pilots="auto", code=CODE)
@@ -55,6 +56,12 @@ def test_noise_brings_no_evidence() -> None:
     assert max(search.strongest(each)[0].evidence for each in noise) < 8
 
 
+def apart_from_near_frames(series):
+    """(T, n) series, each value less the mean of those within `NEAR` frames."""
+    parts = (series[max(0, at - NEAR) : at + NEAR + 1] for at in range(len(series)))
+    return series - np.array([part.mean(axis=0) for part in parts])
+
+
 def test_evidence_is_what_a_regression_of_the_signs_says() -> None:
     clock = DisplayClock(1 / 60, 0.0, 0.0, 0.0, 0.008)
     values, times = seen_by(30.0, clock, 24, 1.0, seed=3), np.arange(24) / 30
@@ -62,8 +69,9 @@ def test_evidence_is_what_a_regression_of_the_signs_says() -> None:
     (lock,) = search.strongest(values)
     numbers = [[lock.clock.period, lock.clock.start, 0.0, 0.0, lock.clock.shutter]]
     wave = embedded_share(np.array(numbers), times, np.zeros((1, 2)), CODE)[0, 0]
-    drifts = np.vander(times, 3)
-    wave = wave - drifts @ np.linalg.lstsq(drifts, wave, rcond=None)[0]
+    wave, values = apart_from_near_frames(wave[:, None])[:, 0], apart_from_near_frames(values)
+    values = values / (np.sqrt((values**2).mean(axis=0)) + LEAST_DEVIATION)
+    values = np.clip(values, -CLIPPED, CLIPPED)
     signs = pilot_signs(PILOTS)
     explained = np.corrcoef(np.append(wave @ values, -wave @ values), np.append(signs, -signs))
     chance = (PILOTS.pilots - 1) / 2 * np.log(1 - explained[0, 1] ** 2)
