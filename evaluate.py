@@ -128,6 +128,8 @@ def main() -> None:
     config = replace(config, pairs=pair_names(config.pairs))
     if config.quick:
         config = replace(config, frames=min(config.frames, QUICK.frames))
+    if config.captures is not None and config.layout() != EvaluateConfig().layout():
+        raise InputError("--captures: has layouts of its own; leave out the flags of the layout")
     door = opened(config)
     if config.ablation and config.methods != OF_PAIRS:
         raise InputError("--ablation: compares parts of one decoder; leave out --methods")
