@@ -21,6 +21,7 @@ FILMS = [
     "turned to",
     "late",
     "leaving",
+    "moving picture",
     "no edges",
     "no edges, slow camera",
     "still",
@@ -52,6 +53,8 @@ def film(name: str) -> tuple[list[Image], Array | None, list[Layout]]:
         images[:30] = filmed(FINE, 30, seed=0, hold=10**6)[0]
     elif name == "leaving":
         images, corners = leaving(*filmed(FINE, 30, seed=3))
+    elif name == "moving picture":
+        images, corners = filmed(FINE, 40, seed=1, pan=3.0)
     elif name.startswith("no edges"):
         images, corners = filmed(FINE, 54, seed=7, dark=True)
     elif name == "still":
@@ -85,6 +88,8 @@ def test_page_finds_what_python_finds(port: Port, name: str) -> None:
     (frame, display), (known_frame, known_display) = found, known
     assert frame <= known_frame + (NO_EDGES_LATER if "no edges" in name else LATER)
     assert display.layout.rows == known_display.layout.rows
+    assert display.pictureMoves == known_display.picture_moves
+    assert known_display.picture_moves == (name == "moving picture")
     assert (display.k == 0) == (known_display.k == 0) == (name != "bent")
     assert display.k == pytest.approx(known_display.k, abs=LENS_FOUND_K)
     known_off = np.abs(known_display.corners - truth[known_frame]).max()

@@ -383,27 +383,23 @@ PAGE void embeddedShare(const Plane &clock, const Plane &times, const Plane &pla
 }
 
 // Makes what a block of sign 1 shows at a display's centre by each of its clocks, as pilots/code.js
-// numbers them, and its squared length. `drifts` are taken out; they are orthogonal, of length 1.
-PAGE void codeWaves(const Plane &since, const Plane &drifts, const Plane &periods,
-                    const Plane &shutters, const Plane &signs, int phases, const Plane &waves,
-                    const Plane &energy) {
+// numbers them, less the mean of so many frames before and after each frame, and its squared length.
+PAGE void codeWaves(const Plane &since, int near, const Plane &periods, const Plane &shutters,
+                    const Plane &signs, int phases, const Plane &waves, const Plane &energy) {
   const int frames = since.width, clocks = waves.width, steps = clocks / periods.width;
   std::vector<double> wave(frames);
   for (int at = 0; at < clocks; at++) {
     const double period = periods.numbers()[at / steps], shutter = shutters.numbers()[at / steps];
     const double moment = double(at % steps) / phases * period;
     expose(period, -moment, shutter, since, signs, wave.data());
-    for (double &share : wave) share = 2 * share - 1;
-    for (int i = 0; i < 2 * drifts.height; i++) { // twice, as rounding leaves some the first time
-      const double *drift = drifts.numbers() + i % drifts.height * frames;
-      double along = 0;
-      for (int t = 0; t < frames; t++) along += wave[t] * drift[t];
-      for (int t = 0; t < frames; t++) wave[t] -= along * drift[t];
-    }
     double length = 0;
     for (int t = 0; t < frames; t++) {
-      static_cast<float *>(waves.data)[t * clocks + at] = wave[t];
-      length += wave[t] * wave[t];
+      const int first = std::max(t - near, 0), end = std::min(t + near + 1, frames);
+      double sum = 0;
+      for (int other = first; other < end; other++) sum += wave[other];
+      const double apart = 2 * (wave[t] - sum / (end - first));
+      static_cast<float *>(waves.data)[t * clocks + at] = apart;
+      length += apart * apart;
     }
     static_cast<float *>(energy.data)[at] = length;
   }

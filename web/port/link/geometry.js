@@ -309,6 +309,20 @@ export function distance(one, other) {
 }
 
 /**
+ * Find the largest difference between coordinates of points.
+ *
+ * @param {Point[]} points
+ * @param {Point[]} others - as many
+ */
+export function farthest(points, others) {
+  let most = 0;
+  points.forEach(([x, y], i) => {
+    most = Math.max(most, Math.abs(x - others[i][0]), Math.abs(y - others[i][1]));
+  });
+  return most;
+}
+
+/**
  * Measure the sides of a quadrilateral: top, right, bottom and left, in pixels.
  *
  * @param {Point[]} corners

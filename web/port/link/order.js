@@ -1,4 +1,19 @@
-/** Numbers of a certain rank among others. */
+/** Where numbers lie: their mean and deviation, and those of a certain rank. */
+
+/**
+ * Find the mean and the standard deviation.
+ *
+ * @param {ArrayLike<number>} values - at least one
+ * @returns {[number, number]}
+ */
+export function spreadOf(values) {
+  let sum = 0;
+  for (let i = 0; i < values.length; i++) sum += values[i];
+  const mean = sum / values.length;
+  let squares = 0;
+  for (let i = 0; i < values.length; i++) squares += (values[i] - mean) ** 2;
+  return [mean, Math.sqrt(squares / values.length)];
+}
 
 /**
  * Find the median.

@@ -11,11 +11,11 @@ import { call, floatPlane, rowsOf } from "../../image/opencv.js";
 import { roundHalfEven } from "../../image/round.js";
 import { dot } from "../../link/linear.js";
 import { DisplayClock } from "../../link/clock.js";
-import { lengthOf, takeOut } from "./waves.js";
+import { LEAST_DEVIATION } from "./signal.js";
 
 const { STATE_HZ } = pilotCode;
 const { CLOCK_ERROR, MOST_STEPS, PHASES, SLOPES, NO_SLOPE, SIDES } = receiverPilotsCode;
-const { COMPARED, RIVAL, OPEN, SURER, DRIFT } = receiverPilotsCode;
+const { COMPARED, RIVAL, OPEN, SURER, NEAR, CLIPPED } = receiverPilotsCode;
 export const { MOST_STATE_HZ } = receiverPilotsCode;
 
 /** Axis along which each of `SLOPES` goes: 0 from left to right, 1 from top to bottom. */
@@ -45,8 +45,6 @@ export class CodeSearch {
   #shutter;
   /** Number of moments that are tried at each rate. */
   #steps;
-  /** Powers of time, orthogonal to each other, of length 1. @type {Float64Array[]} */
-  #drifts = [];
   /** Squared length (H,) of each wave. */
   #energy;
   /** Signs of the places within each part along x, and along y; 0 elsewhere. */
@@ -78,24 +76,17 @@ export class CodeSearch {
     this.#hz = rates((this.#newest - since[0]) / second);
     this.#steps = 2 * PHASES * code.period;
     this.#shutter = Float64Array.from(this.#hz, (hz) => OPEN * Math.min(second / hz, 1 / fps));
-    const farthest = Math.max(...since.map(Math.abs), 1e-9);
-    for (let power = 0; power < Math.min(DRIFT, times.length); power++) {
-      const drift = takeOut(since.map((time) => (time / farthest) ** power), this.#drifts);
-      const length = lengthOf(drift);
-      this.#drifts.push(drift.map((value) => value / length));
-    }
     const count = this.#hz.length * this.#steps;
     /**
-     * What a block of sign 1 shows at the display's centre, less drifts: in each frame, a row, by H
-     * clocks, those of a rate one after the other.
+     * What a block of sign 1 shows at the display's centre, less the mean of near frames: in each
+     * frame, a row, by H clocks, those of a rate one after the other.
      */
     this.waves = floatPlane(count, times.length);
     this.#energy = new Float32Array(count);
     const periods = Float64Array.from(this.#hz, (hz) => second / hz);
-    const drifts = rowsOf(this.#drifts, Float64Array);
     call(
       "codeWaves",
-      [since, drifts, periods, this.#shutter, code.signs, PHASES],
+      [since, NEAR, periods, this.#shutter, code.signs, PHASES],
       [this.waves, this.#energy],
     );
     this.#within = this.#part.map((parts) =>
@@ -120,16 +111,18 @@ export class CodeSearch {
   /**
    * Find the clocks by which values follow their signs most surely, the surest first.
    *
-   * Clocks are compared by how much of all values they explain over time, by least squares. To tell
-   * whether that is chance, the signs are regressed on X_p, the sum of a place's values times the
-   * clock's wave, as `pilotEvidence` does with amplitudes: by chance these explain the share R2 of
-   * the signs' power with probability (1 - R2)^((P - 1) / 2), for P places.
+   * Clocks are compared by how much of all values they explain over time, less the mean of near
+   * frames, by least squares. To tell whether that is chance, the signs are regressed on X_p, the sum
+   * of a place's values times the clock's wave, as `pilotEvidence` does with amplitudes: by chance
+   * these explain the share R2 of the signs' power with probability (1 - R2)^((P - 1) / 2), for P
+   * places.
    *
-   * @param {readonly ArrayLike<number>[]} values - (P,) of the places in each frame, of alike noise
+   * @param {readonly ArrayLike<number>[]} seen - (P,) values of the places in each frame
    * @param {number} [count] - number of clocks, none of them within a state of another
    * @returns {CodeLock[]}
    */
-  strongest(values, count = 1) {
+  strongest(seen, count = 1) {
+    const values = clipped(apartFromNear(seen));
     const { gain, chosen } = this.#bestSlopes(values);
     const left = gain.slice();
     return Array.from({ length: count }, () => {
@@ -143,8 +136,8 @@ export class CodeSearch {
   /**
    * Find the clock that the parts of a display follow most clearly, each by its best series.
    *
-   * A series cannot follow any clock more clearly than its own length, less drifts, allows, so that
-   * the longest alone are compared.
+   * A series cannot follow any clock more clearly than its own length, less the mean of near frames,
+   * allows, so that the longest alone are compared.
    *
    * @param {Float32Array[][]} matches - for each part and each of T frames, the values of S series
    *   of alike noise
@@ -152,7 +145,8 @@ export class CodeSearch {
    */
   highest(matches) {
     const total = new Float64Array(this.#energy.length);
-    for (const frames of matches) {
+    for (const seen of matches) {
+      const frames = apartFromNear(seen);
       const { longest, deviation } = this.#longest(frames);
       const series = longest.map((number) => frames.map((now) => now[number]));
       const most = new Float32Array(total.length);
@@ -166,7 +160,7 @@ export class CodeSearch {
   }
 
   /**
-   * Find which series are the longest, less drifts.
+   * Find which series are the longest.
    *
    * @param {readonly Float32Array[]} frames - (S,) values of all series in each of T frames
    * @returns {{ longest: number[], deviation: number }} numbers of `COMPARED` series, and the
@@ -183,13 +177,6 @@ export class CodeSearch {
     }
     const count = frames.length * squares.length;
     const power = squares.reduce((all, square) => all + square, 0) / count;
-    for (const drift of this.#drifts) {
-      const along = new Float64Array(squares.length);
-      frames.forEach((now, t) => {
-        for (let i = 0; i < along.length; i++) along[i] += drift[t] * now[i];
-      });
-      for (let i = 0; i < along.length; i++) squares[i] -= along[i] * along[i];
-    }
     const least = squares.slice().sort().at(-COMPARED) ?? -Infinity;
     const longest = [...squares.keys()].filter((number) => squares[number] >= least);
     return { longest, deviation: Math.sqrt(power - (sum / count) ** 2) };
@@ -281,6 +268,49 @@ export class CodeSearch {
     const start = this.#middle - moment + (across + down) / 2;
     return new DisplayClock(period, start, across, down, this.#shutter[rate]);
   }
+}
+
+/**
+ * Take the mean of `NEAR` frames before each frame, of as many after it and of itself off what it
+ * shows.
+ *
+ * @param {readonly ArrayLike<number>[]} frames - (n,) values of each frame
+ * @returns {Float32Array[]} (n,) of each frame
+ */
+function apartFromNear(frames) {
+  const sums = new Float64Array(frames[0].length);
+  const add = (/** @type {number} */ frame, /** @type {number} */ sign) => {
+    const values = frames[frame];
+    if (!values) return;
+    for (let i = 0; i < sums.length; i++) sums[i] += sign * values[i];
+  };
+  for (let frame = 0; frame < NEAR; frame++) add(frame, 1);
+  return frames.map((values, frame) => {
+    add(frame + NEAR, 1);
+    add(frame - NEAR - 1, -1);
+    const count = Math.min(frame + NEAR + 1, frames.length) - Math.max(frame - NEAR, 0);
+    const apart = new Float32Array(sums.length);
+    for (let i = 0; i < sums.length; i++) apart[i] = values[i] - sums[i] / count;
+    return apart;
+  });
+}
+
+/**
+ * Divide differences by the usual ones of their places, and clip them at `CLIPPED`.
+ *
+ * @param {Float32Array[]} frames - (P,) differences of each frame; they are changed
+ * @returns {Float32Array[]} the frames
+ */
+function clipped(frames) {
+  const usual = new Float64Array(frames[0].length);
+  for (const now of frames) now.forEach((value, p) => (usual[p] += value * value));
+  usual.forEach((sum, p) => (usual[p] = Math.sqrt(sum / frames.length) + LEAST_DEVIATION));
+  for (const now of frames) {
+    now.forEach((value, p) => {
+      now[p] = Math.min(Math.max(value / usual[p], -CLIPPED), CLIPPED);
+    });
+  }
+  return frames;
 }
 
 /**

@@ -59,35 +59,17 @@ export function mapSize(layout) {
   return [Math.floor(layout.width / factor), Math.floor(layout.height / factor)];
 }
 
-/** Geometry of maps of a display's changes, in which the motion of its grid is seen. */
-export class GridMaps {
+/** Geometry of maps of a display and of what lies around it. */
+export class UnitMaps {
   /**
-   * @param {Layout} layout - of the display
-   * @param {number[]} inner - width and height of the display, in pixels of the maps
+   * @param {[number, number]} inner - width and height of the display, in pixels of the maps
    * @param {number[]} [margin] - width and height of what lies on each side of the display
    */
-  constructor(layout, inner, margin = [0, 0]) {
-    const [width, height] = inner;
-    this.layout = layout;
+  constructor(inner, margin = [0, 0]) {
     this.inner = inner;
     this.margin = margin;
-    /** Width and height of the maps, pixels. */
-    this.size = [width + 2 * margin[0], height + 2 * margin[1]];
-    /** Width and height of a block, in pixels of the maps. */
-    this.block = [width / layout.cols, height / layout.rows];
-    /** Units of work of one pass over a map. */
-    this.work = (this.size[0] * this.size[1]) / UNIT_PIXELS;
-  }
-
-  /**
-   * Find the homography from pixels of the maps to pixels of the layout.
-   *
-   * @returns {Float64Array}
-   */
-  toLayout() {
-    const { layout, inner, margin } = this;
-    const H = resizedHomography(layout.width / inner[0], layout.height / inner[1]);
-    return multiply3(H, [1, 0, -margin[0], 0, 1, -margin[1], 0, 0, 1]);
+    /** Width and height of the maps, pixels. @type {[number, number]} */
+    this.size = [inner[0] + 2 * margin[0], inner[1] + 2 * margin[1]];
   }
 
   /**
@@ -131,6 +113,35 @@ export class GridMaps {
     }
     return { width, height, data };
   }
+}
+
+/** Geometry of maps of a display's changes, in which the motion of its grid is seen. */
+export class GridMaps extends UnitMaps {
+  /**
+   * @param {Layout} layout - of the display
+   * @param {[number, number]} inner - as of `UnitMaps`
+   * @param {number[]} [margin]
+   */
+  constructor(layout, inner, margin) {
+    super(inner, margin);
+    const [width, height] = inner;
+    this.layout = layout;
+    /** Width and height of a block, in pixels of the maps. */
+    this.block = [width / layout.cols, height / layout.rows];
+    /** Units of work of one pass over a map. */
+    this.work = (this.size[0] * this.size[1]) / UNIT_PIXELS;
+  }
+
+  /**
+   * Find the homography from pixels of the maps to pixels of the layout.
+   *
+   * @returns {Float64Array}
+   */
+  toLayout() {
+    const { layout, inner, margin } = this;
+    const H = resizedHomography(layout.width / inner[0], layout.height / inner[1]);
+    return multiply3(H, [1, 0, -margin[0], 0, 1, -margin[1], 0, 0, 1]);
+  }
 
   /**
    * Smooth a map, and take off the mean around each pixel.
@@ -170,7 +181,7 @@ export class MotionEquations {
   power = 0;
 
   /**
-   * @param {GridMaps} maps
+   * @param {UnitMaps} maps
    * @param {FloatPlane | null} [bending] - maps of the further motion along x and, below, along y, of
    *   a display from -1 to 1
    */

@@ -63,7 +63,7 @@ export function findToggling(values, layout, at, fps) {
     return { evidence, toggling: new Wave(frequency) };
   }
   const search = codeSearch(layout, at.slice(-MOST_FRAMES), fps);
-  const [lock] = search.strongest(overDeviation(values.slice(-MOST_FRAMES)));
+  const [lock] = search.strongest(values.slice(-MOST_FRAMES));
   const toggling = new CodedToggling(lock.clock, code, lock.rival < UNCLEAR);
   return { evidence: lock.evidence, toggling };
 }

@@ -119,7 +119,7 @@ export function lengthOf(wave) {
  * @param {Float64Array[]} others - orthogonal to each other, of length 1
  * @returns {Float64Array} the wave
  */
-export function takeOut(wave, others) {
+function takeOut(wave, others) {
   for (let round = 0; round < 2; round++) {
     for (const other of others) {
       let along = 0;

@@ -7,6 +7,8 @@ import { chooseFeatures, chosen, fitMotion, follow, pointsOf } from "../../image
 import {
   Lens,
   checkCorners,
+  contourArea,
+  farthest,
   frameCorners,
   homographyFromCorners,
   inImage,
@@ -14,11 +16,11 @@ import {
   transform,
 } from "../../link/geometry.js";
 import { multiply3 } from "../../link/linear.js";
-import { Stabiliser } from "../pilots/stabilise.js";
+import { Outline } from "../pilots/outline.js";
 
 const {
   FEATURES, COMPARED_PX, HALVINGS, EVEN_MEAN, EVEN_DEVIATION, MIN_INLIERS, INLIER_PX, EDGE_PX,
-  WORN_SHARE,
+  CHECKED, APART_BLOCKS,
 } = receiverTrackingFollow;
 const { OUTSIDE } = receiverLocateRefine;
 
@@ -34,15 +36,15 @@ const STILL = [
  * Follows the display by optical flow to a rectified reference, so that errors do not add up.
  *
  * The reference is the frame in which the display was found, and is taken anew where the picture
- * has changed. A display whose picture moves is followed by what lies around it, which moves with
- * the camera.
+ * has changed. A display is followed by what surrounds it (`pilots/outline.js`) once its picture
+ * moves.
  */
 export class Follower {
   #motion = STILL;
-  /** Corners in the reference. */
-  #first = STILL;
-  /** What lies around a picture that moves. @type {Stabiliser | null} */
-  #room = null;
+  /** What surrounds the display. @type {Outline | null} */
+  #outline = null;
+  /** Number of frames in which the display was followed by what it shows. */
+  #steps = 0;
   #pictureMoves;
   /** What is followed. @type {BytePlane | null} */
   #reference = null;
@@ -53,7 +55,8 @@ export class Follower {
   /**
    * @param {Layout} layout - of the display
    * @param {number} [k] - coefficient of the lens
-   * @param {boolean} [pictureMoves] - whether it is followed by what lies around it
+   * @param {boolean} [pictureMoves] - whether the picture is known to move; if not, the follower
+   *   notices
    */
   constructor(layout, k = 0, pictureMoves = false) {
     this.layout = layout;
@@ -101,11 +104,8 @@ export class Follower {
    */
   begin(image, corners, rectified) {
     if (this.corners === null) this.#motion = STILL;
-    this.corners = this.#first = corners;
-    if (this.#pictureMoves) {
-      this.#room = new Stabiliser(image, true, corners);
-      return;
-    }
+    this.corners = corners;
+    this.#outline ??= new Outline(image, corners);
     const H = homographyFromCorners(corners, this.layout.width, this.layout.height);
     const reference = stretched(rectified, EVEN_MEAN, EVEN_DEVIATION);
     this.#reference = reference;
@@ -141,11 +141,30 @@ export class Follower {
    *   is lost
    */
   step(image) {
-    const room = this.#room;
-    if (room && this.corners !== null) {
-      const H = room.follow(image);
-      return H && { corners: transform(H, this.#first), fresh: room.share < WORN_SHARE };
+    if (this.corners === null) return null;
+    const outline = this.#outline?.isClear ? this.#outline : null;
+    if (outline && this.#pictureMoves) {
+      const around = outline.follow(image);
+      return around ? { corners: around, fresh: false } : this.#byPicture(image);
     }
+    const step = this.#byPicture(image);
+    this.#steps++;
+    if (outline === null || (step !== null && this.#steps % CHECKED !== 0)) return step;
+    const around = outline.follow(image, step?.corners);
+    const { rows, cols } = this.layout;
+    const apart = APART_BLOCKS * Math.sqrt(contourArea(this.corners) / (rows * cols));
+    if (around === null || (step !== null && farthest(around, step.corners) <= apart)) return step;
+    this.#pictureMoves = true;
+    return { corners: around, fresh: false };
+  }
+
+  /**
+   * Find the display in the next frame by what it shows.
+   *
+   * @param {BytePlane} image
+   * @returns {{ corners: Point[], fresh: boolean } | null} as `step` does
+   */
+  #byPicture(image) {
     const reference = this.#reference;
     if (this.corners === null || reference === null) return null;
     if (this.#points.length < 2 * MIN_INLIERS) return null;

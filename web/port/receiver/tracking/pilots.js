@@ -106,7 +106,7 @@ export class PilotTracker {
   #look(image, time, begun) {
     const found = this.#search.push(image, time, begun);
     if (found === null) return null;
-    this.#follower = new Follower(found.layout, found.k, this.#search.pictureMoves);
+    this.#follower = new Follower(found.layout, found.k, found.pictureMoves);
     this.#HFollowedFromShown = identity(3);
     this.#values = [];
     this.#at = [];

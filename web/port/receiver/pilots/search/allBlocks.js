@@ -42,6 +42,7 @@ const FROM_UNIT = pixelsFromUnit(2, 2);
 export function blockMaps(layout) {
   const side = Math.min(layout.width / layout.cols, layout.height / layout.rows);
   const shrunk = Math.min(MOST_SHRUNK, Math.max(1, Math.floor(side / LEAST_SIDE_PX)));
+  /** @type {[number, number]} */
   const inner = [Math.floor(layout.width / shrunk), Math.floor(layout.height / shrunk)];
   return new GridMaps(layout, inner, [
     Math.ceil(inner[0] / layout.cols),

@@ -4,17 +4,22 @@ import { receiverPilotsSearchFilm } from "../../../../generated/constants.js";
 import { Copies } from "../../../image/copies.js";
 import {
   contourArea,
+  farthest,
   homographyFromCorners,
+  homographyFromPoints,
   isConvex,
   pixelsInOne,
   transform,
 } from "../../../link/geometry.js";
 import { multiply3 } from "../../../link/linear.js";
+import { rolled } from "../../locate/quads.js";
+import { Outline } from "../outline.js";
 
 /** @typedef {import("../motion.js").GridMaps} GridMaps */
 /** @typedef {import("../stabilise.js").Tracks} Tracks */
 
 export const { FAR_OUTSIDE, LEAST_AREA } = receiverPilotsSearchFilm;
+const { OUTLINE_WIDTH, APART, ABOUT } = receiverPilotsSearchFilm;
 
 /**
  * What is added to the step from sample to sample, in pixels of the frame, before it is cut to the
@@ -40,14 +45,17 @@ export class HeldFrame {
    * @param {number} time - when it was taken, seconds
    * @param {Tracks | null} [tracks] - points of the reference that were found again in it; null to
    *   go by the room alone, because pictures may move
+   * @param {Surrounded[]} [surrounded] - quadrilaterals that are followed by what lies around them,
+   *   too, with where they lie here
    */
-  constructor(gray, HFrameFromReference, at, time, tracks = null) {
+  constructor(gray, HFrameFromReference, at, time, tracks = null, surrounded = []) {
     this.gray = gray;
     this.#copies = new Copies(gray);
     this.at = at;
     this.time = time;
     this.HFrameFromReference = HFrameFromReference;
     this.tracks = tracks;
+    this.surrounded = surrounded;
   }
 
   /**
@@ -57,6 +65,8 @@ export class HeldFrame {
    * @returns {Point[]} in this frame
    */
   corners(corners) {
+    const around = surroundingsOf(corners, this.surrounded);
+    if (around?.outline.pictureMoves) return transform(around.motion, corners);
     const own = this.tracks?.motionWithin(corners);
     return transform(own ?? this.HFrameFromReference, corners);
   }
@@ -105,6 +115,78 @@ export class HeldFrame {
   #quad(corners) {
     const quad = this.corners(corners);
     return isNear(quad, this.gray.width, this.gray.height) ? quad : null;
+  }
+}
+
+/**
+ * Where a quadrilateral lies in a frame, as what surrounds it tells: what follows it, and the
+ * homography from the reference to the frame.
+ *
+ * @typedef {{ outline: MovingOutline, motion: Float64Array }} Surrounded
+ */
+
+/**
+ * Choose the quadrilateral that is nearest to corners of the reference.
+ *
+ * @param {Point[]} corners
+ * @param {readonly Surrounded[]} near
+ * @returns {Surrounded | null} null where none is within `ABOUT`
+ */
+export function surroundingsOf(corners, near) {
+  let nearest = null;
+  let least = ABOUT;
+  for (const each of near) {
+    const distance = each.outline.distance(corners);
+    if (distance < least || (nearest === null && distance === least)) {
+      [nearest, least] = [each, distance];
+    }
+  }
+  return nearest;
+}
+
+/** Follows a quadrilateral by what surrounds it, and notices where its picture moves. */
+export class MovingOutline {
+  #outline;
+  #size;
+  /** Whether what it shows has moved in another way than what surrounds it. */
+  pictureMoves = false;
+
+  /**
+   * @param {BytePlane} gray - the reference frame
+   * @param {Point[]} quad - pixels of it
+   */
+  constructor(gray, quad) {
+    /** Pixels of the reference. */
+    this.quad = quad;
+    this.#outline = new Outline(gray, quad, OUTLINE_WIDTH);
+    this.#size = Math.sqrt(contourArea(quad));
+  }
+
+  /**
+   * Find the quadrilateral in the next frame.
+   *
+   * @param {BytePlane} gray
+   * @param {Point[] | null} shown - pixels of the frame where the points within it say that it lies,
+   *   if they agree
+   * @returns {Surrounded | null} null where its surroundings do not tell
+   */
+  take(gray, shown) {
+    if (!this.#outline.isClear) return null;
+    let corners = this.#outline.follow(gray);
+    if (corners === null && shown !== null) corners = this.#outline.follow(gray, shown);
+    if (corners === null) return null;
+    if (shown === null || farthest(corners, shown) > APART * this.#size) this.pictureMoves = true;
+    return { outline: this, motion: homographyFromPoints(this.quad, corners) };
+  }
+
+  /**
+   * Tell how far corners are from those of the quadrilateral, as a share of its size.
+   *
+   * @param {Point[]} corners - pixels of the reference, from any of them on
+   */
+  distance(corners) {
+    const turns = [0, 1, 2, 3].map((turn) => farthest(rolled(corners, turn), this.quad));
+    return Math.min(...turns) / this.#size;
   }
 }
 

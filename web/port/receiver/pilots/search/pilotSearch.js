@@ -40,8 +40,8 @@ const SPARE = 0.8;
  * A display that its pilots have given away: the layout that it shows, one of those that were
  * looked for; its corners in the newest frame, from the top left of the displayed picture on; its
  * corners in the frame with which the search began; the coefficient of the lens; when it shows which
- * state, where its code tells; and the frames before the newest one, from the oldest on, of those
- * that are kept.
+ * state, where its code tells; whether its picture moves by itself; and the frames before the newest
+ * one, from the oldest on, of those that are kept.
  *
  * @typedef {{
  *   layout: Layout,
@@ -49,6 +49,7 @@ const SPARE = 0.8;
  *   firstCorners: Point[],
  *   k: number,
  *   clock: DisplayClock | null,
+ *   pictureMoves: boolean,
  *   held: HeldFrame[],
  * }} PilotDisplay
  */
@@ -182,7 +183,8 @@ export class PilotSearch {
     const { layout, corners, toggling } = proposal;
     const newest = watch.newest.corners(corners);
     const clock = toggling.clockInSeconds(this.fps, watch.start);
+    const pictureMoves = watch.pictureMoves || watch.moves(corners);
     const held = watch.held.slice(0, -1);
-    return { layout, corners: newest, firstCorners: corners, k, clock, held };
+    return { layout, corners: newest, firstCorners: corners, k, clock, pictureMoves, held };
   }
 }

@@ -4,7 +4,11 @@ import {
   receiverPilotsSearchProposals, receiverPilotsSearchWatch,
 } from "../../../../generated/constants.js";
 import { equalised, withoutDetails } from "../../../image/levels.js";
+import { turned } from "../../../image/turned.js";
+import { warped } from "../../../image/warp.js";
 import { frameCorners, homographyFromCorners, transform } from "../../../link/geometry.js";
+import { candidateSteps, leavingSteps } from "../../locate/candidates.js";
+import { spreadOf } from "../../../link/order.js";
 import { rolled } from "../../locate/quads.js";
 import { movedCorners } from "../motion.js";
 import { expectedChanges, picked, pilotValues, standingOut } from "../../../link/pilots.js";
@@ -15,9 +19,11 @@ import { COARSE_SIZE, coarseShift, roughSeries, shiftedTogglings } from "./parts
 /** @typedef {import("./film.js").HeldFrame} HeldFrame */
 /** @typedef {import("./watch.js").Watch} Watch */
 
-export const { CANDIDATES, CLEAREST, LEAVING, STRONGEST, FRAME_SHARE, PROMISING } =
+export const { CANDIDATES, CLEAREST, STRONGEST, FRAME_SHARE, PROMISING } =
   receiverPilotsSearchProposals;
-const { BRIGHT_PX, DARK_PX, STATES_HZ } = receiverPilotsSearchProposals;
+const {
+  LEAVING, BRIGHT_PX, DARK_PX, STATES_HZ, MORE_CANDIDATES, FILLED, SIDE_PX, STRIP_PX, FLAT,
+} = receiverPilotsSearchProposals;
 
 export const { NEXT_FRAME } = receiverPilotsSearchWatch;
 /** Units of work of one frame's view of a display, and of a glance at it. */
@@ -26,6 +32,8 @@ export const GLANCE_WORK = 10;
 /** Units of work of the power at one frequency, and of an outline. */
 const POWER_WORK = 10;
 const OUTLINE_WORK = 40;
+/** Units of work of looking along the sides of quadrilaterals of edges. */
+const SIDES_WORK = 5;
 /** Units of work of a layout's fit, and of rough maps. */
 const FIT_WORK = 4;
 const ROUGH_WORK = 2;
@@ -108,6 +116,22 @@ export class Proposer {
     const periods = STATES_HZ.map((rate) => (rate / 2 / watch.fps) % 1);
     const folded = periods.map((period) => Math.min(period, 1 - period));
     this.#frequencies = [...new Set(folded)].filter((period) => period > 0).sort((a, b) => a - b);
+  }
+
+  /**
+   * Propose quadrilaterals of edges in the reference.
+   *
+   * @returns {Steps<Point[][]>} the strongest first
+   */
+  *edges() {
+    const { reference } = this.#watch;
+    const within = yield* candidateSteps(reference, MORE_CANDIDATES);
+    const leaving = yield* leavingSteps(reference, LEAVING);
+    const rest = within.slice(CANDIDATES).map((quad) => ({ quad, flat: flatSides(reference, quad) }));
+    rest.sort((one, other) => one.flat - other.flat);
+    yield SIDES_WORK;
+    const filled = rest.slice(0, FILLED).map(({ quad }) => quad);
+    return [...within.slice(0, CANDIDATES), ...leaving, ...filled];
   }
 
   /**
@@ -254,6 +278,23 @@ export class Proposer {
     }
     return best;
   }
+}
+
+/**
+ * Count the sides of a quadrilateral along which nothing is seen within.
+ *
+ * @param {BytePlane} gray
+ * @param {Point[]} quad - pixels of it
+ */
+export function flatSides(gray, quad) {
+  const view = warped(gray, homographyFromCorners(quad, SIDE_PX, SIDE_PX), SIDE_PX, SIDE_PX);
+  const sides = [0, 90, 180, 270].map((degrees) => turned(view, degrees).data);
+  return sides.filter((data) => {
+    const strip = Array.from({ length: STRIP_PX }, (_, at) => {
+      return [...data.subarray((at + 1) * SIDE_PX + 2, (at + 2) * SIDE_PX - 2)];
+    });
+    return spreadOf(strip.flat())[1] < FLAT;
+  }).length;
 }
 
 /**

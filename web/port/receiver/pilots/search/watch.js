@@ -6,7 +6,7 @@ import { inImage, transform } from "../../../link/geometry.js";
 import { identity, inverse } from "../../../link/linear.js";
 import { Stabiliser } from "../stabilise.js";
 import { position } from "../waves.js";
-import { HeldFrame } from "./film.js";
+import { HeldFrame, MovingOutline, surroundingsOf } from "./film.js";
 import { ToggleMap } from "./toggleMap.js";
 
 const { WINDOW_S, LEAST_WINDOW, MOST_WINDOW, IN_VIEW, CHECKED, HELD_S, LEAST_HELD } =
@@ -18,6 +18,8 @@ export class Watch {
   #most;
   /** Places of corners that follow their own motion, by corners. @type {Map<Point[], Point[][]>} */
   #own = new Map();
+  /** Quadrilaterals that are followed by what surrounds them. @type {MovingOutline[]} */
+  #outlines = [];
   /** Frames watched so far, the reference among them. @type {HeldFrame[]} */
   frames = [];
   /** Number of frames after the reference. */
@@ -85,11 +87,43 @@ export class Watch {
     if (inView.filter(Boolean).length < IN_VIEW * places.length) return false;
     const at = position(time - this.start, this.fps);
     if (this.frames.length === 0) this.#add(this.held[0]); // now the film can be held still
-    this.held.push(new HeldFrame(gray, H, at, time, this.#stabiliser.tracks));
+    const { tracks } = this.#stabiliser;
+    this.held.push(new HeldFrame(gray, H, at, time, tracks, this.#surrounded(gray, tracks)));
     if (this.held.length > this.#most) this.held.shift();
     if (!this.isFull) this.#add(this.newest);
     this.seen++;
     return true;
+  }
+
+  /**
+   * Follow quadrilaterals by what surrounds them, too, from the reference on.
+   *
+   * @param {Point[][]} quads - pixels of the reference
+   */
+  surround(quads) {
+    this.#outlines = quads.map((quad) => new MovingOutline(this.reference, quad));
+  }
+
+  /**
+   * Tell whether the picture that corners of the reference bound moves by itself.
+   *
+   * @param {Point[]} corners
+   */
+  moves(corners) {
+    return surroundingsOf(corners, this.newest.surrounded)?.outline.pictureMoves ?? false;
+  }
+
+  /**
+   * Follow what surrounds quadrilaterals in the newest frame.
+   *
+   * @param {BytePlane} gray - the frame
+   * @param {import("../stabilise.js").Tracks | null} tracks - points that were found again in it
+   */
+  #surrounded(gray, tracks) {
+    return this.#outlines.flatMap((outline) => {
+      const shown = tracks?.motionWithin(outline.quad);
+      return outline.take(gray, shown ? transform(shown, outline.quad) : null) ?? [];
+    });
   }
 
   /** Watch a frame. @param {HeldFrame} frame */

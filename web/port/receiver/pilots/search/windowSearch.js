@@ -7,11 +7,11 @@
  */
 
 import { receiverPilotsSearchWindowSearch } from "../../../../generated/constants.js";
-import { candidateSteps, leavingSteps } from "../../locate/candidates.js";
+import { candidateSteps } from "../../locate/candidates.js";
 import { rolled } from "../../locate/quads.js";
 import {
-  CANDIDATES, CLEAREST, FRAME_SHARE, GLANCE_WORK, LEAVING, NEXT_FRAME, PROMISING, Proposer, STRONGEST,
-  inset, weighSteps,
+  CANDIDATES, CLEAREST, FRAME_SHARE, GLANCE_WORK, NEXT_FRAME, PROMISING, Proposer, STRONGEST, inset,
+  weighSteps,
 } from "./proposals.js";
 import { HINT, settleSteps } from "./settle.js";
 
@@ -20,6 +20,9 @@ import { HINT, settleSteps } from "./settle.js";
 /** @typedef {import("./watch.js").Watch} Watch */
 
 export const { ANY_TURN } = receiverPilotsSearchWindowSearch;
+const { SURROUNDED } = receiverPilotsSearchWindowSearch;
+/** Units of work of beginning to follow what surrounds quadrilaterals. */
+const SURROUND_WORK = 10;
 
 /** Looks for a display in the frames that follow a reference frame. */
 export class WindowSearch {
@@ -97,9 +100,9 @@ export class WindowSearch {
   *#search() {
     const { watch } = this;
     const proposer = this.#proposer;
-    const within = yield* candidateSteps(watch.reference, CANDIDATES);
-    const leaving = yield* leavingSteps(watch.reference, LEAVING);
-    const edges = [...within, ...leaving];
+    const edges = yield* proposer.edges();
+    watch.surround(edges.slice(0, SURROUNDED));
+    yield SURROUND_WORK;
     const quarter = Math.floor(watch.window / 4);
     /** @type {Point[][]} */
     let faint = [];
