@@ -65,6 +65,9 @@ CLOCK_EVIDENCE = 1e-3
 """Absolute difference between evidences of clocks, which are of order 100 to 1000."""
 SHRUNK_LEVELS = 1e-3
 """Gray levels between pixels of order 100 after float32 interpolation."""
+PROFILE_LEVELS = 0.2
+"""Gray levels, of a mean over 32 places of a side, between what a page and OpenCV sample: each
+value is rounded to a whole level, and OpenCV's weights of pixels are whole 32768ths."""
 ROUNDED_LEVELS = 1
 """Gray levels by which a pixel of 8 bits may differ where interpolation falls between two."""
 SHRUNK_MEAN = 2e-3

@@ -6,11 +6,11 @@ import pytest
 from conftest import cases
 from pilot_films import CORNERS, FINE, texture
 from port import Port, same
-from tolerances import CORNERS_PX, FLOAT64, FOLLOWED_PX, SAME_PX
+from tolerances import CORNERS_PX, FLOAT64, FOLLOWED_PX, PROFILE_LEVELS, SAME_PX
 
 from link.geometry import homography_from_corners, transform
 from link.types import Array, Floats, Image
-from receiver.pilots.outline import Outline
+from receiver.pilots.outline import Border, Outline, border_profiles
 from receiver.pilots.search.film import APART, HeldFrame, MovingOutline, Surrounded
 from receiver.pilots.search.proposals import flat_sides
 from receiver.tracking.follow import Follower
@@ -41,6 +41,22 @@ def moving_film(pan: float) -> tuple[list[Image], Array]:
         view = cv2.warpPerspective(view, hand(number), (640, 480), borderMode=cv2.BORDER_REPLICATE)
         images.append(np.clip(view + rng.normal(0, 1, view.shape) + 0.5, 0, 255).astype(np.uint8))
     return images, np.array([transform(hand(number), CORNERS) for number in range(FRAMES)])
+
+
+def test_the_edges_along_the_border_tell_where_the_display_is(port: Port) -> None:
+    """One place of the newest frame is right, the other has moved on with the picture."""
+    images, corners = moving_film(PAN_PX)
+    right, wrong = corners[-1], corners[-1] + [4.0, 0.0]
+    profiles = port(OUTLINE_JS).borderProfiles(images[0], CORNERS.tolist())
+    same(profiles, border_profiles(images[0], CORNERS), PROFILE_LEVELS)
+    border, ported = (
+        Border(images[0], CORNERS),
+        port(OUTLINE_JS).Border(images[0], CORNERS.tolist()),
+    )
+    for one, other in ((right, wrong), (wrong, right)):
+        known = border.is_rather(images[-1], one, other)
+        assert known is (one is right)
+        assert ported.isRather(images[-1], one.tolist(), other.tolist()) is known
 
 
 @cases((0.0, 160), (PAN_PX, 160), (PAN_PX, 96), ids=["still", "moving", "small"])

@@ -24,13 +24,92 @@ import { MotionEquations, NUMBERS, UNIT_CORNERS, UnitMaps, unitHomography } from
 
 const {
   WIDTH, RING, BORDER_PX, SUPERSAMPLED, BLUR_PX, ROUNDS, SETTLED, LEAST_DEVIATION, OUTLIER, DAMPING,
-  ALIKE, CLEAR_PX, CORRELATED_PX,
+  ALIKE, CLEAR_PX, CORRELATED_PX, PROFILE_PX, ALONG, BETTER,
 } = receiverPilotsOutline;
 
 /** Smallest distance, in pixels, from the border of an image to a pixel that counts as seen. */
 const INSIDE_PX = 3;
 /** Ratio of the standard deviation of normal noise to the median of its absolute values. */
 const DEVIATIONS_IN_MEDIAN = 1.4826;
+
+/**
+ * Tells which of two places is that of a display, by the edges along its border.
+ *
+ * The edges of picture and bezel lie along the border, whatever the picture shows and however far the
+ * wall is behind. What is compared is the mean steepness across each side, by distance from it.
+ */
+export class Border {
+  /** @type {Float64Array[]} */
+  #profiles;
+
+  /**
+   * @param {BytePlane} gray - a reference frame
+   * @param {Point[]} corners - of the display in it
+   */
+  constructor(gray, corners) {
+    this.#profiles = borderProfiles(gray, corners);
+  }
+
+  /**
+   * Tell whether the display is clearly rather at one place than at another in a frame.
+   *
+   * @param {BytePlane} gray
+   * @param {Point[]} one - corners
+   * @param {Point[]} other - corners
+   */
+  isRather(gray, one, other) {
+    const [first, second] = [one, other].map((at) => this.#likeness(borderProfiles(gray, at)));
+    return first > second + BETTER;
+  }
+
+  /**
+   * Correlate all profiles with the reference's, in [-1, 1].
+   *
+   * @param {Float64Array[]} profiles
+   */
+  #likeness(profiles) {
+    let [ab, aa, bb] = [0, 0, 0];
+    profiles.forEach((profile, side) => {
+      const [a, b] = [profile, this.#profiles[side]].map((each) => {
+        const mean = each.reduce((sum, value) => sum + value, 0) / each.length;
+        return each.map((value) => value - mean);
+      });
+      ab += dot(a, b);
+      aa += dot(a, a);
+      bb += dot(b, b);
+    });
+    return ab / Math.sqrt(aa * bb + 1e-9);
+  }
+}
+
+/**
+ * Measure how steep a frame is across the sides of a quadrilateral.
+ *
+ * @param {BytePlane} gray
+ * @param {Point[]} corners
+ * @returns {Float64Array[]} of each side, the mean size of the step between neighbouring places, in
+ *   gray levels, from outside to inside
+ */
+export function borderProfiles(gray, corners) {
+  return corners.map(([x, y], side) => {
+    const [endX, endY] = corners[(side + 1) % corners.length];
+    const [alongX, alongY] = [endX - x, endY - y];
+    const length = Math.max(Math.hypot(alongX, alongY), 1e-6);
+    const profile = new Float64Array(2 * PROFILE_PX);
+    for (let i = 0; i < ALONG; i++) {
+      const share = ((i + 0.5) / ALONG) * 0.8 + 0.1;
+      let before = 0;
+      for (let offset = -PROFILE_PX; offset <= PROFILE_PX; offset++) {
+        const atX = x + share * alongX - (offset * alongY) / length;
+        const atY = y + share * alongY + (offset * alongX) / length;
+        const value = sampleAt(gray, atX, atY);
+        if (offset > -PROFILE_PX) profile[offset + PROFILE_PX - 1] += Math.abs(value - before);
+        before = value;
+      }
+    }
+    return profile.map((sum) => sum / ALONG);
+  });
+}
 
 /** Follows what surrounds a display, from a reference frame on. */
 export class Outline {
@@ -208,6 +287,27 @@ export class Outline {
     );
     return Math.max(...errors) <= CLEAR_PX;
   }
+}
+
+/**
+ * Sample a frame bilinearly as OpenCV's remap does, at whole 32nds of a pixel, rounded to whole gray
+ * levels; beyond the border its last pixel counts.
+ *
+ * @param {BytePlane} frame
+ * @param {number} x
+ * @param {number} y
+ */
+function sampleAt({ data, width, height }, x, y) {
+  const [atX, atY] = [x, y].map((at) => roundHalfEven(32 * Math.fround(at)) / 32);
+  const [left, top] = [Math.floor(atX), Math.floor(atY)];
+  const [right, down] = [atX - left, atY - top];
+  const pixel = (/** @type {number} */ col, /** @type {number} */ row) => {
+    const inRow = Math.min(Math.max(row, 0), height - 1);
+    return data[inRow * width + Math.min(Math.max(col, 0), width - 1)];
+  };
+  const upper = (1 - right) * pixel(left, top) + right * pixel(left + 1, top);
+  const lower = (1 - right) * pixel(left, top + 1) + right * pixel(left + 1, top + 1);
+  return Math.round((1 - down) * upper + down * lower);
 }
 
 /**

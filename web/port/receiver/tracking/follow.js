@@ -16,7 +16,7 @@ import {
   transform,
 } from "../../link/geometry.js";
 import { multiply3 } from "../../link/linear.js";
-import { Outline } from "../pilots/outline.js";
+import { Border, Outline } from "../pilots/outline.js";
 
 const {
   FEATURES, COMPARED_PX, HALVINGS, EVEN_MEAN, EVEN_DEVIATION, MIN_INLIERS, INLIER_PX, EDGE_PX,
@@ -43,6 +43,8 @@ export class Follower {
   #motion = STILL;
   /** What surrounds the display. @type {Outline | null} */
   #outline = null;
+  /** Tells where the display's border is. @type {Border | null} */
+  #border = null;
   /** Number of frames in which the display was followed by what it shows. */
   #steps = 0;
   #pictureMoves;
@@ -106,6 +108,7 @@ export class Follower {
     if (this.corners === null) this.#motion = STILL;
     this.corners = corners;
     this.#outline ??= new Outline(image, corners);
+    this.#border ??= new Border(image, corners);
     const H = homographyFromCorners(corners, this.layout.width, this.layout.height);
     const reference = stretched(rectified, EVEN_MEAN, EVEN_DEVIATION);
     this.#reference = reference;
@@ -151,9 +154,13 @@ export class Follower {
     this.#steps++;
     if (outline === null || (step !== null && this.#steps % CHECKED !== 0)) return step;
     const around = outline.follow(image, step?.corners);
-    const { rows, cols } = this.layout;
-    const apart = APART_BLOCKS * Math.sqrt(contourArea(this.corners) / (rows * cols));
-    if (around === null || (step !== null && farthest(around, step.corners) <= apart)) return step;
+    if (around === null) return step;
+    if (step !== null) {
+      const { rows, cols } = this.layout;
+      const apart = APART_BLOCKS * Math.sqrt(contourArea(this.corners) / (rows * cols));
+      const near = farthest(around, step.corners) <= apart;
+      if (near || !this.#border?.isRather(image, around, step.corners)) return step;
+    }
     this.#pictureMoves = true;
     return { corners: around, fresh: false };
   }

@@ -13,7 +13,7 @@ import {
 } from "../../../link/geometry.js";
 import { multiply3 } from "../../../link/linear.js";
 import { rolled } from "../../locate/quads.js";
-import { Outline } from "../outline.js";
+import { Border, Outline } from "../outline.js";
 
 /** @typedef {import("../motion.js").GridMaps} GridMaps */
 /** @typedef {import("../stabilise.js").Tracks} Tracks */
@@ -147,6 +147,7 @@ export function surroundingsOf(corners, near) {
 /** Follows a quadrilateral by what surrounds it, and notices where its picture moves. */
 export class MovingOutline {
   #outline;
+  #border;
   #size;
   /** Whether what it shows has moved in another way than what surrounds it. */
   pictureMoves = false;
@@ -159,6 +160,7 @@ export class MovingOutline {
     /** Pixels of the reference. */
     this.quad = quad;
     this.#outline = new Outline(gray, quad, OUTLINE_WIDTH);
+    this.#border = new Border(gray, quad);
     this.#size = Math.sqrt(contourArea(quad));
   }
 
@@ -175,7 +177,12 @@ export class MovingOutline {
     let corners = this.#outline.follow(gray);
     if (corners === null && shown !== null) corners = this.#outline.follow(gray, shown);
     if (corners === null) return null;
-    if (shown === null || farthest(corners, shown) > APART * this.#size) this.pictureMoves = true;
+    if (
+      shown === null ||
+      (farthest(corners, shown) > APART * this.#size && this.#border.isRather(gray, corners, shown))
+    ) {
+      this.pictureMoves = true;
+    }
     return { outline: this, motion: homographyFromPoints(this.quad, corners) };
   }
 
