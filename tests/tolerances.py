@@ -65,7 +65,7 @@ CLOCK_EVIDENCE = 1e-3
 """Absolute difference between evidences of clocks, which are of order 100 to 1000."""
 SHRUNK_LEVELS = 1e-3
 """Gray levels between pixels of order 100 after float32 interpolation."""
-PROFILE_LEVELS = 0.2
+PROFILE_LEVELS = 0.4
 """Gray levels, of a mean over 32 places of a side, between what a page and OpenCV sample: each
 value is rounded to a whole level, and OpenCV's weights of pixels are whole 32768ths."""
 ROUNDED_LEVELS = 1

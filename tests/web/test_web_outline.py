@@ -11,7 +11,7 @@ from tolerances import CORNERS_PX, FLOAT64, FOLLOWED_PX, PROFILE_LEVELS, SAME_PX
 from link.geometry import homography_from_corners, transform
 from link.types import Array, Floats, Image
 from receiver.pilots.outline import Border, Outline, border_profiles
-from receiver.pilots.search.film import APART, HeldFrame, MovingOutline, Surrounded
+from receiver.pilots.search.film import APART, VOTES, HeldFrame, MovingOutline, Surrounded
 from receiver.pilots.search.proposals import flat_sides
 from receiver.tracking.follow import Follower
 
@@ -93,14 +93,14 @@ def test_a_picture_that_moves_by_itself_is_noticed(port: Port) -> None:
     outline = MovingOutline(images[0], CORNERS)
     ported = module.MovingOutline(images[0], CORNERS.tolist())
     far = APART * float(np.sqrt(cv2.contourArea(CORNERS.astype(np.float32))))
-    off = [0.0, 0.5 * far, 2 * far]
+    off = [0.0, 0.5 * far, *[max(4.0, 2 * far)] * VOTES]
     for number, (image, apart) in enumerate(zip(images[1:], off, strict=False), 1):
         shown = corners[number] + [apart, 0]
         known, found = outline.take(image, shown), ported.take(image, shown.tolist())
         assert isinstance(known, Surrounded)
         motions = known.motion, found.motion.reshape(3, 3)
         same(*(transform(H, CORNERS) for H in motions), SAME_PX)
-        assert outline.picture_moves == ported.pictureMoves == (apart > far)
+        assert outline.picture_moves == ported.pictureMoves == (number == len(off))
         near = np.roll(1.1 * (CORNERS - 300) + 300, 1, axis=0)
         same(ported.distance(near.tolist()), known.distance(near), FLOAT64)
         for quad in (near, CORNERS + 120):

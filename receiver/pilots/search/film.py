@@ -24,6 +24,8 @@ hand."""
 OUTLINE_WIDTH = 96
 """Width, in pixels, of the views in which quadrilaterals are followed by what surrounds them. It
 bounds the work; chosen by hand."""
+VOTES = 3
+"""Number of frames, less those that speak against it, that must show that a picture moves."""
 APART, ABOUT = 0.006, 0.25
 """Distance, as a share of the square root of a quadrilateral's area, from which on its picture and
 what surrounds it move in different ways, and within which what surrounds it tells of other corners,
@@ -149,11 +151,15 @@ class MovingOutline:
     def __init__(self, gray: Gray, quad: Corners) -> None:
         self.quad = quad
         """(4, 2) pixels of the reference."""
-        self.picture_moves = False
-        """Whether what it shows has moved in another way than what surrounds it."""
+        self._votes = 0
         self._outline = Outline(gray, quad, OUTLINE_WIDTH)
         self._border = Border(gray, quad)
         self._far = APART * float(np.sqrt(cv2.contourArea(quad.astype(np.float32))))
+
+    @property
+    def picture_moves(self) -> bool:
+        """Whether what it shows has moved in another way than what surrounds it."""
+        return self._votes >= VOTES
 
     def take(self, gray: Gray, shown: Corners | None) -> Surrounded | None:
         """Find the quadrilateral in the next frame; None where its surroundings do not tell.
@@ -169,10 +175,11 @@ class MovingOutline:
             corners = self._outline.follow(gray, shown)
         if corners is None:
             return None
-        far = shown is None or float(np.abs(corners - shown).max()) > self._far
-        self.picture_moves |= far and (
-            shown is None or self._border.is_rather(gray, corners, shown)
-        )
+        if shown is None:
+            self._votes += 1
+        elif float(np.abs(corners - shown).max()) > self._far:
+            self._votes += self._border.is_rather(gray, corners, shown)
+            self._votes -= self._border.is_rather(gray, shown, corners)
         motion = homography_between(self.quad, corners)
         return Surrounded(self, motion)
 

@@ -19,7 +19,7 @@ import { Border, Outline } from "../outline.js";
 /** @typedef {import("../stabilise.js").Tracks} Tracks */
 
 export const { FAR_OUTSIDE, LEAST_AREA } = receiverPilotsSearchFilm;
-const { OUTLINE_WIDTH, APART, ABOUT } = receiverPilotsSearchFilm;
+const { OUTLINE_WIDTH, APART, ABOUT, VOTES } = receiverPilotsSearchFilm;
 
 /**
  * What is added to the step from sample to sample, in pixels of the frame, before it is cut to the
@@ -149,8 +149,7 @@ export class MovingOutline {
   #outline;
   #border;
   #size;
-  /** Whether what it shows has moved in another way than what surrounds it. */
-  pictureMoves = false;
+  #votes = 0;
 
   /**
    * @param {BytePlane} gray - the reference frame
@@ -162,6 +161,11 @@ export class MovingOutline {
     this.#outline = new Outline(gray, quad, OUTLINE_WIDTH);
     this.#border = new Border(gray, quad);
     this.#size = Math.sqrt(contourArea(quad));
+  }
+
+  /** Whether what it shows has moved in another way than what surrounds it. */
+  get pictureMoves() {
+    return this.#votes >= VOTES;
   }
 
   /**
@@ -177,11 +181,11 @@ export class MovingOutline {
     let corners = this.#outline.follow(gray);
     if (corners === null && shown !== null) corners = this.#outline.follow(gray, shown);
     if (corners === null) return null;
-    if (
-      shown === null ||
-      (farthest(corners, shown) > APART * this.#size && this.#border.isRather(gray, corners, shown))
-    ) {
-      this.pictureMoves = true;
+    if (shown === null) {
+      this.#votes++;
+    } else if (farthest(corners, shown) > APART * this.#size) {
+      this.#votes += Number(this.#border.isRather(gray, corners, shown));
+      this.#votes -= Number(this.#border.isRather(gray, shown, corners));
     }
     return { outline: this, motion: homographyFromPoints(this.quad, corners) };
   }
