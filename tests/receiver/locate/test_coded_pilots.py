@@ -118,7 +118,7 @@ def test_a_display_with_a_corner_out_of_view_is_found_as_soon_as_others() -> Non
     """By the edges that are in view; its top left corner lies some 40 pixels outside the image."""
     whole, partly = (found_in(CODED, [CODED], 60.0, 1, 40, leaves) for leaves in (False, True))
     assert partly[1].corners.min() < -35
-    assert partly[0] <= whole[0] + 2  # frames, of 60 a second
+    assert partly[0] <= whole[0] + 3  # frames, of 60 a second: a twentieth of a second
 
 
 @pytest.mark.slow
