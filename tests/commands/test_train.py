@@ -88,8 +88,9 @@ def test_metrics_compare_every_method_on_held_out_captures(run_folder: Path) -> 
     rows = metrics["rows"]
     cells = {(row["kappa"], row["view_deg"]) for row in rows}
     assert cells == {(5, 0.0), (5, 45.0), (3, 0.0), (3, 45.0)}
-    assert {row["method"] for row in rows} == set(OF_PAIRS)
-    assert len(rows) == 4 * len(OF_PAIRS)
+    methods = {*OF_PAIRS, "before"}  # the decoder before it was trained
+    assert {row["method"] for row in rows} == methods
+    assert len(rows) == 4 * len(methods)
     assert all(row["frames"] == 1 and row["pair"] == "canon-lg" for row in rows)
     assert metrics["meta"]["simulated"] is True
 
@@ -111,7 +112,7 @@ def test_training_again_into_the_same_folder_evaluates_the_new_decoder(
         return {json.loads(line)["mark"] for line in lines}
 
     stored = marks()
-    assert len(stored) == len(OF_PAIRS)
+    assert len(stored) == len(OF_PAIRS) + 1  # and the decoder before it was trained
     command(train.main, *small)  # it is made again, to the same bytes
     assert (tmp_path / "decoder.pt").read_bytes() == decoder
     assert (tmp_path / "metrics.json").read_bytes() == metrics
