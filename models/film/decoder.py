@@ -339,7 +339,7 @@ class FilmDecoder(nn.Module):
     def _begin(self, changes: Tensor, picture: ReferenceBlocks, near: Neighbourhood) -> Background:
         """Guess noise and motion of each block by how much it changes from frame to frame."""
         steps = (changes[1:] - changes[:-1]) ** 2
-        usual = self._usual(steps / picture.variance)
+        usual = usual_square(steps / picture.variance)
         noise = picture.variance * usual / 2 + LEAST_VARIANCE
         moved = near.mean(torch.cat([steps, steps[-1:]]))
         drift = (moved - self.drift_start.exp() * noise).maximum(LEAST_START * noise)
@@ -432,7 +432,7 @@ class FilmDecoder(nn.Module):
         squares = left**2 + spread.variance + doubt
         squares = squares.minimum(CLIP**2 * background.noise) * near.seen
         frames, trust = near.seen.sum(0, keepdim=True), self.block_trust.exp()
-        usual = picture.variance * self._usual(squares / picture.variance)
+        usual = picture.variance * usual_square(squares / picture.variance)
         noise = (trust * usual + squares.sum(0, keepdim=True)) / (trust + frames) + LEAST_VARIANCE
         drift = near.mean(spread.steps(values - left)) + LEAST_DRIFT * noise
         return background_of(near.where_seen(noise.expand_as(values)), drift)
@@ -448,13 +448,6 @@ class FilmDecoder(nn.Module):
         ahead = torch.cat([factor[1:], factor[-1:]])
         noise = near.where_seen(background.noise * factor)
         return background_of(noise, background.drift * (factor + ahead) / 2)
-
-    def _usual(self, squares: Tensor) -> Tensor:
-        """Give the usual size of (T, B) squares, the geometric mean over blocks: a number.
-
-        Some blocks may have very large squares, where something moves.
-        """
-        return (squares.mean(0) + LEAST_VARIANCE).log().mean().exp()
 
     def _decide(
         self,
@@ -603,6 +596,14 @@ def certainty(llr: Tensor, known: Tensor) -> Tensor:
         curvature = (wrong * (1 - wrong) * right * right).sum() + CERTAINTY_PRIOR
         factor = (factor + slope / curvature).maximum(factor / 2).clamp_max(1)
     return factor
+
+
+def usual_square(squares: Tensor) -> Tensor:
+    """Give the usual size of (T, B) squares, the geometric mean over blocks: a number.
+
+    Some blocks may have very large squares, where something moves.
+    """
+    return (squares.mean(0) + LEAST_VARIANCE).log().mean().exp()
 
 
 def block_places(rows: int, cols: int) -> tuple[Tensor, Tensor]:

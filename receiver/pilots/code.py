@@ -54,8 +54,7 @@ SURER = 1 + 1e-5
 frames, and rounding must not choose."""
 NEAR = 3
 """Number of frames before each frame, and after it, whose mean is taken off what it shows: the
-picture, which may move, and exposure change little in that time. Of 1, 3, 9 and all frames, 3 gave
-most information in films whose pictures move (docs/answered.md)."""
+picture, which may move, and exposure change little in that time. Chosen by hand."""
 CLIPPED = 2.0
 """Largest difference from that mean that counts, in usual ones of its place: a cut or something
 that passes is one bad difference, and no more."""
@@ -142,11 +141,10 @@ class CodeSearch:
         """Find the clocks by which values follow their signs most surely, the likeliest first.
 
         Clocks are compared by how much of all values they explain over time, less the mean of near
-        frames, by least squares. To
-        tell whether that is chance, the signs are regressed on X_p, the sum of a place's values
-        times the clock's wave, as `receiver.pilots.signal.pilot_evidence` does with amplitudes: by
-        chance these explain the share R2 of the signs' power with probability
-        (1 - R2)^((P - 1) / 2), for P places.
+        frames, by least squares. To tell whether that is chance, the signs are regressed on X_p,
+        the sum of a place's values times the clock's wave, as
+        `receiver.pilots.signal.pilot_evidence` does with amplitudes: by chance these explain the
+        share R2 of the signs' power with probability (1 - R2)^((P - 1) / 2), for P places.
 
         Args:
             values: (T, P) values of the places.

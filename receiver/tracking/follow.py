@@ -110,8 +110,8 @@ class Follower:
             self._motion = np.zeros((4, 2))
         self.corners = corners
         if self._outline is None and self.layout.pilots:
-            self._outline = Outline(as_gray(image), corners)
-            self._border = Border(as_gray(image), corners)
+            gray = as_gray(image)
+            self._outline, self._border = Outline(gray, corners), Border(gray, corners)
         H = homography_from_corners(corners, self.layout.width, self.layout.height)
         self._take_reference(_equalised(rectified), self._view_mask(H, image.shape))
 

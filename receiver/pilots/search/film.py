@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from link.geometry import homography_from_corners, rectify, resized_homography, transform
 from link.layout import Layout
 from link.types import Array, Corners, Gray, Homography
+from receiver.locate.corner_motion import four_point_homography
 from receiver.pilots.motion import GridMaps
 from receiver.pilots.outline import Border, Outline
 from receiver.pilots.stabilise import Tracks
@@ -129,9 +130,8 @@ class Surrounded:
     def distance(self, corners: Corners) -> float:
         """Tell how far corners are from those of the quadrilateral, as a share of its size."""
         quad = self.outline.quad
-        size = float(np.sqrt(cv2.contourArea(quad.astype(np.float32))))
         turned = (np.roll(corners, turn, axis=0) for turn in range(4))
-        return min(float(np.abs(each - quad).max()) for each in turned) / size
+        return min(float(np.abs(each - quad).max()) for each in turned) / self.outline.size
 
 
 def surroundings_of(corners: Corners, near: Sequence[Surrounded]) -> Surrounded | None:
@@ -151,10 +151,11 @@ class MovingOutline:
     def __init__(self, gray: Gray, quad: Corners) -> None:
         self.quad = quad
         """(4, 2) pixels of the reference."""
+        self.size = float(np.sqrt(cv2.contourArea(quad.astype(np.float32))))
+        """Square root of the quadrilateral's area, pixels."""
         self._votes = 0
         self._outline = Outline(gray, quad, OUTLINE_WIDTH)
         self._border = Border(gray, quad)
-        self._far = APART * float(np.sqrt(cv2.contourArea(quad.astype(np.float32))))
 
     @property
     def picture_moves(self) -> bool:
@@ -177,17 +178,10 @@ class MovingOutline:
             return None
         if shown is None:
             self._votes += 1
-        elif float(np.abs(corners - shown).max()) > self._far:
+        elif float(np.abs(corners - shown).max()) > APART * self.size:
             self._votes += self._border.is_rather(gray, corners, shown)
             self._votes -= self._border.is_rather(gray, shown, corners)
-        motion = homography_between(self.quad, corners)
-        return Surrounded(self, motion)
-
-
-def homography_between(before: Corners, after: Corners) -> Homography:
-    """Give the homography that moves four corners to four others."""
-    H = cv2.getPerspectiveTransform(before.astype(np.float32), after.astype(np.float32))
-    return np.asarray(H, np.float64)
+        return Surrounded(self, four_point_homography(self.quad, corners))
 
 
 def positions(frames: Sequence[HeldFrame]) -> list[float]:

@@ -1,7 +1,6 @@
 """Watch a film from a reference frame on: what a search for a display by its pilots looks at."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -10,7 +9,7 @@ from link.images import as_gray
 from link.types import Array, Corners, Gray, Image
 from receiver.pilots.search.film import HeldFrame, MovingOutline, Surrounded, surroundings_of
 from receiver.pilots.search.toggle_map import ToggleMap
-from receiver.pilots.stabilise import Stabiliser
+from receiver.pilots.stabilise import Stabiliser, Tracks
 from receiver.pilots.waves import position
 
 WINDOW_S, LEAST_WINDOW, MOST_WINDOW = 0.4, 24, 48
@@ -104,8 +103,8 @@ class Watch:
         if float(seen.mean()) < IN_VIEW:
             return False
         at = position(time - self.first.time, self.fps)
-        frame = HeldFrame(gray, H, at, time, self._stabiliser.tracks)
-        frame = replace(frame, surrounded=self._surrounded(frame))
+        tracks = self._stabiliser.tracks
+        frame = HeldFrame(gray, H, at, time, tracks, self._surrounded(gray, tracks))
         for each in (frame,) if self._kept else (self.first, frame):  # now the film holds still
             self._kept.append(each)
             if len(self._kept) <= self.window:
@@ -128,13 +127,13 @@ class Watch:
         around = surroundings_of(corners, self.held[-1].surrounded)
         return around is not None and around.outline.picture_moves
 
-    def _surrounded(self, frame: HeldFrame) -> tuple[Surrounded, ...]:
-        """Follow what surrounds quadrilaterals in the newest frame."""
+    def _surrounded(self, gray: Gray, tracks: Tracks | None) -> tuple[Surrounded, ...]:
+        """Follow what surrounds quadrilaterals in the newest frame, whose points are given."""
         found = []
         for outline in self._outlines:
-            shown = None if frame.tracks is None else frame.tracks.motion_within(outline.quad)
+            shown = None if tracks is None else tracks.motion_within(outline.quad)
             corners = None if shown is None else transform(shown, outline.quad)
-            found.append(outline.take(frame.gray, corners))
+            found.append(outline.take(gray, corners))
         return tuple(each for each in found if each is not None)
 
     def places(self, corners: Corners, count: int | None = None) -> list[Array]:
