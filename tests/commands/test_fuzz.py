@@ -117,7 +117,7 @@ def test_any_text_is_json_within_bounds_or_refused(text: bytes | str) -> None:
 def inputs(tmp_path_factory: pytest.TempPathFactory) -> Inputs:
     inputs = Inputs(tmp_path_factory.mktemp("good"))
     with pytest.MonkeyPatch.context() as patch, pytest.raises(SystemExit):
-        patch.setattr("train.save_checkpoint", stop_before_export)
+        patch.setattr("train.export_and_evaluate", stop_before_export)
         patch.setattr("sys.argv", ["train", *TRAIN, "--out", str(inputs.good / "training")])
         run_cli(import_module("train").main)
     assert (inputs.good / "training" / "state.pt").is_file()
@@ -160,7 +160,7 @@ def test_a_command_on_a_mutated_input_is_refused_in_a_line_or_right(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """It may neither crash nor hang, nor receive a message that nobody sent."""
-    for module, function in (("train", "save_checkpoint"), ("export.to_onnx", "to_onnx")):
+    for module, function in (("train", "export_and_evaluate"), ("export.to_onnx", "to_onnx")):
         monkeypatch.setattr(f"{module}.{function}", stop_before_export)
     place = tmp_path / "case"
     place.mkdir()
