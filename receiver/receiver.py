@@ -21,6 +21,7 @@ from link.types import Corners, Image
 from receiver.decoders import PairDecoder, WindowDecoder
 from receiver.diagnosis import Observations
 from receiver.reading.reader import DecodedPair, DisplayReader
+from receiver.reading.shown import States
 from receiver.reading.states import DisplayState
 from receiver.repeats import Repeats
 from receiver.seen import MESH, SeenFrame, SeenFrames
@@ -56,8 +57,8 @@ class Receiver:
     Args:
         decoders: one, or one for each layout that is looked for, with ratex patches or pilots.
         fps: nominal number of frames of the camera in a second.
-        film: decodes windows of film where the layout and the picture allow it; None where all is
-            read by frame pairs.
+        film: decodes windows of film where the layout allows it; None where films are read by
+            frame pairs.
 
     Raises:
         InputError: there is no decoder, two have one layout, a layout has neither patches nor
@@ -241,8 +242,12 @@ class Receiver:
             raise InputError("the two images show the same state; take one of each")
         original, embedded = images if change > 0 else images[::-1]
         whole = np.ones((MESH, MESH))
-        states = DisplayState(original, whole, 1), DisplayState(embedded, whole, 1)
-        return DecodedPair(0, 0.0, self._reader.decoder.decode(original, embedded), *states, 0.0)
+        shown = States(
+            DisplayState(original, whole, 1),
+            DisplayState(embedded, whole, 1),
+            self.layout.message_mask,
+        )
+        return DecodedPair(0, 0.0, self._reader.decoder.decode(original, embedded), shown, 0.0)
 
     def finish(self) -> ReceiverStep:
         """Decode what is left when the frames have ended; images without a clock by their order."""

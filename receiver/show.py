@@ -31,7 +31,7 @@ def draw_decoded_pair(
     """
     scene = outline_display(image, seen.corners, GREEN)
     scene = np.asarray(cv2.resize(scene, (layout.width, layout.height)), np.uint8)
-    original, embedded = (as_rgb(state.image) for state in (pair.original, pair.embedded))
+    original, embedded = map(as_rgb, pair.shown.images)
     difference = embedded.astype(np.float32) - original
     difference -= np.median(difference)
     amplified = np.clip(128 + AMPLIFIED * difference, 0, 255).astype(np.uint8)
@@ -48,7 +48,7 @@ def _decided_blocks(pair: DecodedPair, layout: Layout) -> NDArray[np.uint8]:
         panel[top + 1 : bottom, left + 1 : right] = round(float(level))
         if score == 0:
             cross_block(panel, box, RED)
-    original = as_rgb(pair.original.image)
+    original = as_rgb(pair.shown.images[0])
     for row, col in layout.ratex:
         box = top, bottom, left, right = layout.cell_box(row, col)
         panel[top:bottom, left:right] = original[top:bottom, left:right]

@@ -122,7 +122,7 @@ def pair_event(pair: DecodedPair, scores: bool) -> PairEvent:
         time=round(pair.time, 4),
         erased=int((pair.soft.scores == 0).sum()),
         confidence=round(float(np.mean(1 / (1 + np.exp(-np.abs(pair.soft.scores))))), 4),
-        frames=[pair.original.frames, pair.embedded.frames],
+        frames=list(pair.shown.frames),
         progress=round(pair.progress, 4),
     )
     if scores or pair.soft.scores.size <= MAX_PRINTED_BITS:

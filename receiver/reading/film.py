@@ -1,25 +1,32 @@
-"""Decode frame pairs from whole windows of a film, where the picture stands still in them.
+"""Read the frame pairs of a display by windows of the film in which it was seen.
 
-Now and then a `FilmDesk` hands a window of the last frames to the film decoder
-(`models.film.decoder`), and takes back the scores of all frame pairs that ended in it.
+Now and then a `FilmReader` hands a window of the last frames to the film decoder
+(`models.film.decoder`), and takes the scores of all frame pairs that ended in it.
 """
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterator, Sequence
+from time import perf_counter
 
 import numpy as np
 
 from link.clock import DisplayClock
-from link.code.scores import information_of
+from link.frames import SoftBits
 from link.layout import Layout
 from link.observation import Observation, mixture_of_exposures
 from link.types import Array
 from receiver.decoders import WindowDecoder
+from receiver.reading.pairs import changes_of_bits
+from receiver.reading.shown import InWindow, ReadPair
 from receiver.seen import SeenFrame, SeenFrames
+from receiver.sight import StageTimes
 
 WINDOW, FINE_WINDOW = 32, 24
 """Largest number of frames in a window, and in one of a fine grid, which takes longer."""
 LEAST_FRAMES = 8
 """Smallest number of frames in a window: its mean is the reference."""
+MOST_WAITING = 36
+"""Largest number of frame pairs that are read by one window."""
 MOST_PAIRS = 64
 """Largest number of frame pairs over which a window reaches. Memory and time grow with it, and a
 camera that misses frames would let it grow without end."""
@@ -34,31 +41,85 @@ and number of new frames that the next one then waits for: while windows are sco
 does not wait gives none."""
 
 
-class FilmDesk:
-    """Has frame pairs of one display scored by windows of the frames in which it was seen.
+class FilmReader:
+    """Reads the frame pairs of one display in the order in which they were shown.
 
     Args:
         layout: layout of the display, of which `models.film.window.reads_films` is true.
         decoder: the film decoder.
-        seen: the frames.
+        seen: the frames of which windows are cut.
+        fps: nominal number of frames of the camera in a second.
+        timing: takes the time spent in each stage.
     """
 
-    def __init__(self, layout: Layout, decoder: WindowDecoder, seen: SeenFrames) -> None:
-        self.layout = layout
-        self.decoder, self._seen = decoder, seen
-        self.read_until = self._scored_at = -np.inf
+    def __init__(
+        self,
+        layout: Layout,
+        decoder: WindowDecoder,
+        seen: SeenFrames,
+        fps: float,
+        timing: StageTimes,
+    ) -> None:
+        self._layout, self._decoder, self._seen = layout, decoder, seen
+        self._fps, self._timing = fps, timing
+        self.read_until = -np.inf
         """Time of the newest frame that no later window takes, seconds."""
+        self._scored_at = self._told_until = -np.inf
         self._window = FINE_WINDOW if layout.rows * layout.cols > FINE_BLOCKS else WINDOW
+        self._scored: deque[ReadPair] = deque()
+        self._next: int | None = None
+
+    def prepare(self) -> None:
+        """Get ready: frames will soon come."""
+        self._decoder.prepare()
 
     def begin_anew(self) -> None:
         """Leave out all frames so far: what comes shows another place or another picture."""
         self.read_until, self._scored_at = self._seen.newest, -np.inf
 
-    def due(self, fps: float, waiting_s: float) -> bool:
-        """Return whether it is time for the next window.
+    def start_run(self) -> None:
+        """Begin to count frame pairs anew."""
+        self._next = None
+        self._scored.clear()
+
+    def read(self, clock: DisplayClock, now: float) -> Iterator[ReadPair]:
+        """Read the next frame pairs, where it is time for a window.
 
         Args:
-            fps: nominal number of frames of the camera in a second.
+            clock: says when the display shows which state.
+            now: time of the newest frame, seconds; infinite where the frames have ended, and all
+                pairs are read.
+        """
+        over = bool(np.isinf(now))
+        end = clock.number(self._seen.newest + clock.latest if over else now + clock.earliest)
+        yield from self._take_scored()
+        waiting = self._waiting(clock, int(end // 2))
+        while waiting and (over or self._is_due(2 * clock.period * len(waiting))):
+            start = perf_counter()
+            self._score(clock, waiting[:MOST_WAITING])
+            self._timing.add("film", start)
+            yield from self._take_scored()
+            waiting = self._waiting(clock, int(end // 2))
+
+    def _take_scored(self) -> Iterator[ReadPair]:
+        while self._scored:
+            yield self._scored.popleft()
+
+    def _waiting(self, clock: DisplayClock, end: int) -> list[int]:
+        """List the numbers, below ``end``, of frame pairs that were seen and are not read yet."""
+        frames = self._seen.after(max(self.read_until, self._told_until))
+        if self._next is None:
+            if not frames:
+                return []
+            self._next = int(np.ceil(clock.number(frames[0].time) / 2))
+        spans = [pairs_shown(clock, frame.time) for frame in frames]
+        seen = {number for first, last in spans for number in range(first, last + 1)}
+        return sorted(number for number in seen if self._next <= number < end)
+
+    def _is_due(self, waiting_s: float) -> bool:
+        """Tell whether it is time for the next window.
+
+        Args:
             waiting_s: time, in seconds, for which the frame pairs that wait were displayed.
         """
         frames = self._seen.after(self.read_until)
@@ -66,22 +127,19 @@ class FilmDesk:
             return False
         since = frames[-1].time - self._scored_at
         fresh = sum(frame.time > self._scored_at for frame in frames)
-        missed = np.isfinite(since) and since * fps > MISSED * fresh
+        missed = np.isfinite(since) and since * self._fps > MISSED * fresh
         return max(since, waiting_s) >= STRIDE_S and (fresh >= FRESH_FRAMES or not missed)
 
-    def score(self, clock: DisplayClock, numbers: Sequence[int]) -> dict[int, Array]:
+    def _score(self, clock: DisplayClock, numbers: Sequence[int]) -> None:
         """Score frame pairs by the window that ends with the last of them that fits into it.
 
         Args:
             clock: says when the display shows which state.
-            numbers: numbers of frame pairs that are over, rising.
-
-        Returns:
-            (n_bits,) scores by the number of the frame pair, for at least one of them if frames
-            are left; the others wait for the next window.
+            numbers: numbers of frame pairs that are over, rising. At least one of them is scored
+                if frames are left; the others wait for the next window.
         """
         frames = self._seen.after(self.read_until)
-        spans = [_pairs_shown(clock, frame.time) for frame in frames]
+        spans = [pairs_shown(clock, frame.time) for frame in frames]
         begin = next((at for at, span in enumerate(spans) if span[1] >= numbers[0]), 0)
         end = min(len(frames), max(begin + self._window, LEAST_FRAMES))
         while spans[end - 1][1] - spans[begin][0] >= MOST_PAIRS:
@@ -89,20 +147,24 @@ class FilmDesk:
         begin = max(0, end - self._window)
         while spans[end - 1][1] - spans[begin][0] >= MOST_PAIRS:
             begin += 1
-        now = frames[end - 1].time
-        first, last = spans[begin][0], max(span[1] for span in spans[begin:end])
+        now, last = frames[end - 1].time, max(span[1] for span in spans[begin:end])
+        first = spans[begin][0]
         over = np.inf if end == len(frames) else clock.number(now + clock.earliest) / 2
-        done = [number for number in numbers if number <= min(last, over - 1)]
+        done = [number for number in numbers if number <= min(last, over - 1)] or numbers[:1]
         window = self._cut(frames[begin:end], clock, first, last)
-        scores = self.decoder.decode(window).scores.reshape(last + 1 - first, -1)  # (P n_bits,)
+        scores = self._decoder.decode(window).scores.reshape(last + 1 - first, -1)  # (P n_bits,)
+        for number in done:
+            if first <= number <= last:
+                soft = SoftBits(scores[number - first])
+                self._scored.append(ReadPair(number, soft, InWindow(window, number - first)))
+        self._next = done[-1] + 1
+        old = sum(frame.time <= self._scored_at for frame in frames[begin:end])
+        self._correct(frames[begin:end], window, scores, max(0, old - 1))
         self._scored_at = now
+        told = [f.time for f in frames if clock.number(f.time + clock.latest) < 2 * self._next]
+        self._told_until = max([self._told_until, *told])
         if end > self._window:
             self.read_until = frames[end - self._window - 1].time
-        unread = np.zeros(self.layout.n_bits)
-        return {
-            number: scores[number - first] if first <= number <= last else unread
-            for number in done or numbers[:1]
-        }
 
     def _cut(
         self, frames: Sequence[SeenFrame], clock: DisplayClock, first: int, last: int
@@ -111,18 +173,29 @@ class FilmDesk:
         times = np.array([frame.time for frame in frames])
         return Observation(
             tuple(frame.shrunk for frame in frames),
-            self.layout,
-            mixture_of_exposures(clock, times, self.layout, first, last + 1 - first),
+            self._layout,
+            mixture_of_exposures(clock, times, self._layout, first, last + 1 - first),
             np.stack([frame.blocks_in_view for frame in frames]),
         )
 
+    def _correct(
+        self, frames: Sequence[SeenFrame], window: Observation, scores: Array, begin: int
+    ) -> None:
+        """Learn from the frames of a window, from the one at ``begin`` on, where corners lie."""
+        placements = [frame.placement for frame in frames[begin:] if frame.placement is not None]
+        if len(placements) < 2 or len(placements) < len(frames) - begin:
+            return
+        start = perf_counter()
+        changes = changes_of_bits(scores, self._layout)  # (P, rows, cols)
+        mixture = window.mixture
+        shares = mixture.shares * (mixture.pair >= 0)[:, :, None, None]
+        expected = (shares * changes[mixture.pair])[begin:].sum(1)  # (T, S, rows, cols)
+        images = [frame.rectified for frame in frames[begin:]]
+        placements[-1].shift.take(images, expected, placements)
+        self._timing.add("correct", start)
 
-def _pairs_shown(clock: DisplayClock, time: float) -> tuple[int, int]:
+
+def pairs_shown(clock: DisplayClock, time: float) -> tuple[int, int]:
     """Give the numbers of the first and the last frame pair of which a frame shows a part."""
     first, last = (clock.number(time + end) / 2 for end in (clock.earliest, clock.latest))
     return int(np.floor(first)), int(np.floor(last))
-
-
-def information(scores: Array) -> float:
-    """Give the information that log-likelihood ratios hold, in bits a block."""
-    return information_of(scores.astype(np.float32)) / max(scores.size, 1)

@@ -1,7 +1,4 @@
-"""Score frame pairs in order: by windows of film, or each by its own two states.
-
-A window of film says more of a frame pair than its two states do, unless the picture moves.
-"""
+"""Read frame pairs by their two states, each put together from camera frames."""
 
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -13,25 +10,22 @@ from numpy.typing import NDArray
 
 from link.clock import DisplayClock
 from link.frames import SoftBits
-from models.film.window import reads_films
+from link.layout import Layout
+from link.pilots import expected_changes
+from link.types import Array
 from models.pairwise import trust_of_purity
-from receiver.decoders import PairDecoder, WindowDecoder
-from receiver.reading.film import FilmDesk, information
+from receiver.decoders import PairDecoder
 from receiver.reading.occlusion import Occlusion
-from receiver.reading.states import DisplayState, block_purity, unseen_state
+from receiver.reading.shown import ReadPair, States
+from receiver.reading.states import DisplayState, compose_state
 from receiver.reading.unseen import fill_unseen, unseen_blocks
 from receiver.seen import SeenFrames
 from receiver.sight import StageTimes
 from receiver.tracking.corners import Placement
 
 PAIRS_A_FRAME = 2
-"""Largest number of frame pairs that are scored one by one with one camera frame. Many wait when
-the clock has just been found; the next frames take the rest, so that no frame takes long."""
-MOST_WAITING = 36
-"""Largest number of frame pairs that wait for the film decoder."""
-VAGUE = 0.05
-"""Information in bits a block below which the film's scores are compared with those of a pair,
-which says more where the picture moves."""
+"""Largest number of frame pairs that are read with one camera frame. Many wait when the clock has
+just been found; the next frames take the rest, so that no frame takes long."""
 
 
 @dataclass(eq=False)
@@ -45,126 +39,129 @@ class ComposedPair:
     embedded: DisplayState
     """Second state of the pair."""
     placements: Sequence[Placement] = ()
-    """Placements of its frames; none where no more frames come, or patches tell the corners."""
-    soft: SoftBits | None = None
-    """Its scores, 0 for erased blocks; None until it is scored."""
-    alone: bool = False
-    """Whether its own two states say more of it than a window of film."""
+    """Placements of its frames; none where patches tell the corners."""
 
 
-class PairScorer:
-    """Scores the frame pairs of one display in the order in which they were shown.
+class PairReader:
+    """Reads the frame pairs of one display in the order in which they were shown.
 
     Args:
         decoder: scores a frame pair by its two states.
-        film: scores windows of film; None where all is read by frame pairs.
-        seen: the frames of which windows are cut.
-        fps: nominal number of frames of the camera in a second.
-        timing: takes the time spent in scoring.
+        seen: the frames of which states are put together.
+        timing: takes the time spent in each stage.
     """
 
-    def __init__(
-        self,
-        decoder: PairDecoder,
-        film: WindowDecoder | None,
-        seen: SeenFrames,
-        fps: float,
-        timing: StageTimes,
-    ) -> None:
+    def __init__(self, decoder: PairDecoder, seen: SeenFrames, timing: StageTimes) -> None:
         self._decoder, self._layout = decoder, decoder.layout
-        self._fps, self._timing = fps, timing
+        self._seen, self._timing = seen, timing
         self._occlusion = Occlusion(decoder.layout)
-        self.film = (
-            FilmDesk(decoder.layout, film, seen)
-            if film is not None and reads_films(decoder.layout)
-            else None
-        )
-        """Scores windows of film; None where all is read by frame pairs."""
-        self.waiting: deque[ComposedPair] = deque()
-        """Frame pairs that wait, in order; the first of them may be scored already."""
+        self.read_until = -np.inf
+        """Time of the newest frame that is needed no more, seconds."""
+        self._waiting: deque[ComposedPair] = deque()
+        self._next: int | None = None
 
-    @property
-    def is_full(self) -> bool:
-        """Whether no further frame pair should wait before some are scored."""
-        waiting = sum(pair.soft is None for pair in self.waiting)
-        return waiting >= (PAIRS_A_FRAME if self.film is None else MOST_WAITING)
+    def prepare(self) -> None:
+        """Get ready: frames will soon come."""
+        self._decoder.prepare()
 
-    def put(
-        self,
-        number: int,
-        original: DisplayState | None,
-        embedded: DisplayState | None,
-        placements: Sequence[Placement],
-    ) -> None:
-        """Take the next frame pair, whose states are None where no frame holds any of them."""
-        if self.film is not None:  # which reads what a slow camera sees of one state alone
-            original, embedded = (
-                original or unseen_state(embedded),
-                embedded or unseen_state(original),
-            )
-        if original is not None and embedded is not None:
-            self.waiting.append(ComposedPair(number, original, embedded, placements))
+    def begin_anew(self) -> None:
+        """Nothing is to be done: a frame pair that shows two places is erased as covered."""
 
-    def scored(self, clock: DisplayClock, *, over: bool) -> Iterator[tuple[ComposedPair, SoftBits]]:
-        """Score frame pairs that wait, as many as one camera frame leaves time for.
+    def start_run(self) -> None:
+        """Begin to count frame pairs anew."""
+        self._next = None
+        self._waiting.clear()
+
+    def read(self, clock: DisplayClock, now: float) -> Iterator[ReadPair]:
+        """Read the next frame pairs, as many as one camera frame leaves time for.
 
         Args:
             clock: says when the display shows which state.
-            over: whether the frames have ended, and all pairs are scored.
-
-        Yields:
-            the next pair and its scores.
+            now: time of the newest frame, seconds; infinite where the frames have ended, and all
+                pairs are read.
         """
-        alone = 0
-        while self.waiting:
-            pair = self.waiting[0]
-            if self.film is not None and pair.soft is None and not pair.alone:
-                waiting_s = 2 * clock.period * len(self.waiting)
-                if not (over or self.film.due(self._fps, waiting_s)):
-                    return
-                self._score_window(self.film, clock)
-            if pair.soft is None:
-                if alone >= PAIRS_A_FRAME and not over:
-                    return
-                alone += 1
-                pair.soft = self.score(pair)
-            self.waiting.popleft()
-            yield pair, pair.soft
+        over = bool(np.isinf(now))
+        end = clock.number(self._seen.newest + clock.latest if over else now + clock.earliest)
+        self._compose(clock, end, over=over)
+        for _ in range(len(self._waiting) if over else PAIRS_A_FRAME):
+            if not self._waiting:
+                return
+            composed = self._waiting.popleft()
+            read = self.decode(composed)
+            self._correct(composed, read.soft.scores)
+            yield read
 
-    def trust(self, pair: ComposedPair) -> NDArray[np.float64]:
-        """Say how far each block's states are pure enough to be told apart: (n_bits,) in [0, 1]."""
-        purity = np.minimum(pair.original.purity, pair.embedded.purity)
-        pure = block_purity(purity, self._layout)
-        return trust_of_purity(pure)
-
-    def _score_window(self, film: FilmDesk, clock: DisplayClock) -> None:
-        """Score the first pairs that wait by a window, or leave them to their own two states."""
-        start = perf_counter()
-        scores = film.score(clock, [pair.number for pair in self.waiting])
-        self._timing.add("film", start)
-        done = [self.waiting[at] for at in range(len(scores))]
-        known = np.mean([information(scores[pair.number]) for pair in done])
-        alone = information(self._score_states(done[-1]).scores) if known < VAGUE else 0.0
-        for pair in done:
-            pair.alone = bool(known < alone)
-            if not pair.alone:
-                pair.soft = self._without_covered(pair, SoftBits(scores[pair.number]))
-
-    def score(self, pair: ComposedPair) -> SoftBits:
+    def decode(self, pair: ComposedPair) -> ReadPair:
         """Decode the two states of a pair, and erase what is covered or impure."""
-        return self._without_covered(pair, self._score_states(pair))
-
-    def _score_states(self, pair: ComposedPair) -> SoftBits:
-        """Decode the two states of a pair, whatever covers them, and erase what is impure."""
         start = perf_counter()
+        shown = States(pair.original, pair.embedded, self._layout.message_mask)
         purity = np.minimum(pair.original.purity, pair.embedded.purity)
-        images = [pair.original.image, pair.embedded.image]
-        unseen = unseen_blocks(images[0], images[1], purity, self._layout)
-        soft = self._decoder.decode(*fill_unseen(images, unseen, self._layout))
-        trusted = soft.scores * self.trust(pair)
+        unseen = unseen_blocks(*shown.images, purity, self._layout)
+        soft = self._decoder.decode(*fill_unseen(shown.images, unseen, self._layout))
+        trust = trust_of_purity(shown.purity)
+        scores = soft.scores * trust * ~self._occlusion.covered(pair.original.image)
         self._timing.add("decode", start)
-        return SoftBits(trusted, soft.head)
+        return ReadPair(pair.number, SoftBits(scores, soft.head), shown, 1 - float(trust.mean()))
 
-    def _without_covered(self, pair: ComposedPair, soft: SoftBits) -> SoftBits:
-        """Erase what something in front of the display covers; a pair is asked about once."""
-        return SoftBits(soft.scores * ~self._occlusion.covered(pair.original.image), soft.head)
+    def _compose(self, clock: DisplayClock, end: float, *, over: bool) -> None:
+        """Put the two states of frame pairs together.
+
+        Args:
+            clock: says when the display shows which state.
+            end: number of the state that is shown when the frame pairs are over.
+            over: whether the frames have ended, and all pairs are put together.
+        """
+        frames = deque(self._seen.after(self.read_until))
+        while frames and frames[0].rectified.shape != frames[-1].rectified.shape:
+            frames.popleft()  # they were gray, and now have colours, or the other way round
+        if self._next is None and frames:
+            self._next = int(np.ceil(clock.number(frames[0].time) / 2))
+        while (
+            self._next is not None
+            and end >= 2 * self._next + 2
+            and (over or len(self._waiting) < PAIRS_A_FRAME)
+        ):
+            start = perf_counter()
+            original, embedded = (
+                compose_state(frames, clock, state)
+                for state in self._layout.code.states_of(self._next)
+            )
+            self._next += 1
+            placements = []
+            while frames and clock.number(frames[0].time + clock.latest) < 2 * self._next:
+                read = frames.popleft()  # no other pair needs it
+                self.read_until = read.time
+                placements += [read.placement] if read.placement else []
+            if original is not None and embedded is not None:
+                self._waiting.append(ComposedPair(self._next - 1, original, embedded, placements))
+            self._timing.add("compose", start)
+
+    def _correct(self, pair: ComposedPair, scores: Array) -> None:
+        """Learn from a pair's scores where the corners lie."""
+        if not pair.placements:
+            return
+        start = perf_counter()
+        change = changes_of_bits(scores, self._layout)
+        pair.placements[-1].shift.take(
+            (pair.original.image, pair.embedded.image),
+            np.stack([-change / 2, change / 2]),
+            (pair.placements[0], pair.placements[-1]),
+        )
+        self._timing.add("correct", start)
+
+
+def changes_of_bits(scores: NDArray[np.floating], layout: Layout) -> Array:
+    """Say how blocks change from the first state of frame pairs to the second, as is known of them.
+
+    Args:
+        scores: (..., n_bits) log-likelihood ratios.
+        layout: layout of the display.
+
+    Returns:
+        (..., rows, cols) expected values of signs, in [-1, 1].
+    """
+    blocks = np.broadcast_to(
+        expected_changes(layout), (*scores.shape[:-1], layout.rows, layout.cols)
+    ).copy()
+    blocks[..., layout.message_mask] = np.tanh(np.clip(scores, -20, 20) / 2)
+    return blocks

@@ -4,18 +4,19 @@ A `DisplayReader` takes the rectified display of one camera frame after another.
 the display and hands its frames to the reader of its layout (`receiver.receiver`).
 """
 
-from collections import deque
 from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
 
-from link.clock import DisplayClock
 from link.code.collect import Message, make_collector
 from link.frames import SoftBits
+from models.film.window import reads_films
 from receiver.decoders import PairDecoder, WindowDecoder
-from receiver.reading.pairs import ComposedPair, PairScorer
-from receiver.reading.states import DisplayState, compose_state, mean_state, split_by_level
+from receiver.reading.film import FilmReader
+from receiver.reading.pairs import ComposedPair, PairReader
+from receiver.reading.shown import ReadPair, Shown
+from receiver.reading.states import mean_state, split_by_level
 from receiver.seen import SeenFrame, SeenFrames
 from receiver.sight import StageTimes
 from receiver.timing.synchronise import Synchroniser
@@ -38,10 +39,8 @@ class DecodedPair:
     """Seconds of the camera's clock at which the pair was decoded."""
     soft: SoftBits
     """Scores as they went to the collector: 0 for an erased block."""
-    original: DisplayState
-    """The pair's original frame, put together from camera frames."""
-    embedded: DisplayState
-    """The pair's embedded frame, put together from camera frames."""
+    shown: Shown
+    """What the camera saw of the pair."""
     progress: float
     """Information received for the message so far, as a share of what is needed."""
 
@@ -50,12 +49,12 @@ class DisplayReader:
     """Reads the message of a display that shows one layout.
 
     Args:
-        decoder: decoder of the layout.
+        decoder: decoder of the layout's frame pairs.
         fps: nominal number of frames of the camera in a second.
         seen: takes the frames in which the display is seen.
         timing: takes the time spent in each stage.
-        film: decodes windows of film where the layout and the picture allow it; None where all is
-            read by frame pairs.
+        film: decodes windows of film where the layout allows it; None where films are read by
+            frame pairs.
 
     Raises:
         InputError: the layout has too few message blocks for a message.
@@ -78,15 +77,18 @@ class DisplayReader:
         self.collector = make_collector(self.layout.n_bits)
         """Turns the scores of frame pairs into messages."""
         self._fps, self._seen, self._timing = fps, seen, timing
-        self._scorer = PairScorer(decoder, film, seen, fps, timing)
+        self._pairs = PairReader(decoder, seen, timing)
+        self._source = (
+            self._pairs
+            if film is None or not reads_films(decoder.layout)
+            else FilmReader(decoder.layout, film, seen, fps, timing)
+        )
         self._toggles = make_toggles(self.layout)
         self.restart()
 
     def prepare(self) -> None:
         """Get ready: frames of this layout will soon come."""
-        self.decoder.prepare()
-        if self._scorer.film is not None:
-            self._scorer.film.decoder.prepare()
+        self._source.prepare()
 
     def restart(self) -> None:
         """Forget the clock and the frames that wait for it; the collector keeps what it has."""
@@ -95,13 +97,11 @@ class DisplayReader:
         self.sync = Synchroniser(self._fps, self._toggles, self.layout.code)
         """Finds and holds the display's clock."""
         self._slips = 0
-        self._composed_until = -np.inf  # time of the newest frame whose pairs are put together
         self._start_run()
 
     def _start_run(self) -> None:
         """Begin to count frame pairs anew."""
-        self._next: int | None = None
-        self._scorer.waiting.clear()
+        self._source.start_run()
         self.collector.start_run()
 
     def take(self, frame: SeenFrame) -> tuple[list[DecodedPair], Message | None]:
@@ -112,12 +112,8 @@ class DisplayReader:
             whole.
         """
         start = perf_counter()
-        film, whole = self._scorer.film, self._seen.whole
-        if whole and whole[-1].rectified.shape != frame.rectified.shape:
-            # frames were gray, and now have colours, or the other way round
-            self._composed_until = self._seen.newest
-        if frame.anew and film is not None:
-            film.begin_anew()
+        if frame.anew:
+            self._source.begin_anew()
         for each in (*frame.before, frame):
             self._seen.add(each)
         if frame.clock is not None:
@@ -128,7 +124,7 @@ class DisplayReader:
             self._start_run()
         self._timing.add("synchronise", start)
         pairs, message = self._decode_ready(frame.time)
-        self._seen.let_go(min(self._composed_until, np.inf if film is None else film.read_until))
+        self._seen.let_go(self._source.read_until)
         return pairs, message if pairs else self.go_on()
 
     def go_on(self, work: float = WORK_A_FRAME) -> Message | None:
@@ -160,81 +156,43 @@ class DisplayReader:
         Args:
             now: time of the newest frame, seconds; infinite where the frames have ended.
         """
-        clock, over, newest = self.sync.clock, bool(np.isinf(now)), self._seen.newest
         pairs: list[DecodedPair] = []
+        clock = self.sync.clock
         if clock is None:
             return pairs, None
-        end = clock.number(newest + clock.latest if over else now + clock.earliest)
-        self._compose(clock, end, over=over)
-        work = np.inf if over else max(0.0, WORK_A_FRAME - PAIR_WORK * self.layout.n_bits)
-        for composed, soft in self._scorer.scored(clock, over=over):
-            pair, message = self._finish_pair(composed, soft, newest, work)
+        less = PAIR_WORK * self.layout.n_bits
+        work = np.inf if np.isinf(now) else max(0.0, WORK_A_FRAME - less)
+        for read in self._source.read(clock, now):
+            pair, message = self._finish_pair(read, self._seen.newest, work)
             pairs.append(pair)
             if message is not None:
                 return pairs, message
         return pairs, None
 
-    def _compose(self, clock: DisplayClock, end: float, *, over: bool) -> None:
-        """Put the two states of frame pairs together.
-
-        Args:
-            clock: says when the display shows which state.
-            end: number of the state that is shown when the frame pairs are over.
-            over: whether the frames have ended, and all pairs are put together.
-        """
-        frames = deque(self._seen.after(self._composed_until))
-        if self._next is None and frames:
-            self._next = int(np.ceil(clock.number(frames[0].time) / 2))
-        while (
-            self._next is not None
-            and end >= 2 * self._next + 2
-            and (over or not self._scorer.is_full)
-        ):
-            start = perf_counter()
-            original, embedded = (
-                compose_state(frames, clock, state)
-                for state in self.layout.code.states_of(self._next)
-            )
-            self._next += 1
-            placements = []
-            while frames and clock.number(frames[0].time + clock.latest) < 2 * self._next:
-                read = frames.popleft()  # no other pair needs it
-                self._composed_until = read.time
-                placements += [read.placement] if read.placement else []
-            self._scorer.put(self._next - 1, original, embedded, placements)
-            self._timing.add("compose", start)
-
     def _finish_pair(
-        self, composed: ComposedPair, soft: SoftBits, time: float, work: float = np.inf
+        self, read: ReadPair, time: float, work: float = np.inf
     ) -> tuple[DecodedPair, Message | None]:
-        """Learn from a pair's scores where the corners lie, and hand them to the collector.
+        """Hand a pair's scores to the collector.
 
         Args:
-            composed: the pair.
-            soft: its scores, 0 for erased blocks.
+            read: the pair.
             time: time of the newest frame, seconds.
             work: units of work after which decoding of the message stops for now.
         """
-        start = perf_counter()
-        original, embedded = composed.original, composed.embedded
-        self.mixed += 1 - float(self._scorer.trust(composed).mean())
-        if composed.placements:
-            shift = composed.placements[-1].shift
-            shift.take(original.image, embedded.image, soft.scores, composed.placements)
+        self.mixed += read.mixed
         self.decoded += 1
-        self._timing.add("correct", start)
         start = perf_counter()
-        message = self.collector.add(soft.scores, composed.number, work)
+        message = self.collector.add(read.soft.scores, read.number, work)
         self._timing.add("collect", start)
         progress = self.collector.progress
-        return DecodedPair(composed.number, time, soft, original, embedded, progress), message
+        return DecodedPair(read.number, time, read.soft, read.shown, progress), message
 
     def _decode_unclocked(self) -> tuple[list[DecodedPair], Message | None]:
         """Decode frames in order, each of one state, which ends where the toggles change level."""
         pairs: list[DecodedPair] = []
         frames = [
             frame
-            for frame in self._seen.after(self._composed_until)
+            for frame in self._seen.after(self._source.read_until)
             if np.isfinite(frame.toggles).any()
         ]
         if not frames:
@@ -242,9 +200,8 @@ class DisplayReader:
         toggles = self._toggles.over_time(np.array([frame.toggles for frame in frames]))
         states = split_by_level(frames, np.nanmean(toggles, axis=1))
         for number, (first, second) in enumerate(states):
-            composed = ComposedPair(number, mean_state(first), mean_state(second))
-            soft = self._scorer.score(composed)
-            pair, message = self._finish_pair(composed, soft, first[0].time)
+            read = self._pairs.decode(ComposedPair(number, mean_state(first), mean_state(second)))
+            pair, message = self._finish_pair(read, first[0].time)
             pairs.append(pair)
             if message is not None:
                 return pairs, message

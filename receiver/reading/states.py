@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.clock import DisplayClock
-from link.layout import Layout
 from link.types import Array, Image
 from receiver.seen import MESH, PLACES, SeenFrame
 
@@ -119,11 +118,6 @@ def mean_state(frames: Sequence[SeenFrame]) -> DisplayState:
     return DisplayState(np.asarray(mean + 0.5, np.uint8), np.ones((MESH, MESH)), len(frames))
 
 
-def unseen_state(other: DisplayState | None) -> DisplayState | None:
-    """Stand in for a state that no frame holds, beside one that some hold: nothing is pure."""
-    return other and DisplayState(other.image, np.zeros((MESH, MESH)), 0)
-
-
 def _like(image: NDArray[np.generic], weights: NDArray[np.float32]) -> NDArray[np.float32]:
     """Give (height, width) weights the channels of an image; numpy would spread them slowly."""
     return weights if image.ndim == 2 else np.asarray(cv2.merge([weights] * image.shape[2]))
@@ -138,15 +132,15 @@ def _mean(images: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:
     return np.asarray(cv2.convertScaleAbs(total, alpha=1 / len(images)), np.uint8)
 
 
-def block_purity(purity: NDArray[np.float64], layout: Layout) -> NDArray[np.float64]:
-    """Average the purity of a state over each message block.
+def block_purity(purity: NDArray[np.float64], blocks: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Average the purity of a state over blocks.
 
     Args:
         purity: (MESH, MESH) in [0, 1].
-        layout: layout of the display.
+        blocks: (rows, cols) which blocks are asked for.
 
     Returns:
-        (n_bits,) in [0, 1].
+        (n,) in [0, 1].
     """
-    blocks = cv2.resize(purity, (layout.cols, layout.rows), interpolation=cv2.INTER_AREA)
-    return np.asarray(blocks[layout.message_mask])
+    rows, cols = blocks.shape
+    return np.asarray(cv2.resize(purity, (cols, rows), interpolation=cv2.INTER_AREA)[blocks])

@@ -1,9 +1,10 @@
 """Say where the display lies in its rectified image, as its decoded blocks tell.
 
-Once a frame pair is decoded, the change of many blocks is known, and so where the grid must lie for
-the change that was seen. Each frame pair tells little where the message is faint, so they add up:
-the eight numbers of a homography are followed by a Kalman filter, whose measurement is the change
-of every pixel, linear in small motions of what should be there (Lucas & Kanade 1981).
+Once frame pairs are decoded, it is known how each block changed from frame to frame, and so where
+the grid must lie for the changes that were seen. Each frame tells little where the message is
+faint, so they add up: the eight numbers of a homography are followed by a Kalman filter, whose
+measurement is the change of every pixel, linear in small motions of what should be there (Lucas &
+Kanade 1981). A picture that moves changes, too; where it does, pixels weigh less.
 """
 
 from collections.abc import Sequence
@@ -11,17 +12,16 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from link.images import as_gray
 from link.layout import Layout
-from link.pilots import expected_changes
-from link.types import Array, Homography, Image, Map
+from link.types import Array, Homography, Image, Map, Real
 from receiver.pilots.motion import (
     UNIT_CORNERS,
     GridMaps,
     MotionEquations,
     map_size,
+    odd_span,
     pixels_from_unit,
     unit_homography,
     without_slope,
@@ -29,18 +29,19 @@ from receiver.pilots.motion import (
 
 FIRST_BLOCKS = 0.4
 """Standard deviation of the corners before anything is decoded, in blocks."""
-KEPT = 0.9
-"""Share of what is known of the corners that the next frame pair finds still true."""
+KEPT = 0.8
+"""Share of what is known of the corners that still holds when the next frames are taken."""
 SPAN = 0.4
 """Standard deviation, in blocks, over which expected changes are smoothed, so that they lead back
 from afar."""
-STEEP = 4.0
-"""Gradient of the picture, in gray levels a pixel of the maps, at which a pixel counts half."""
+LEAST_VARIANCE = 0.1
+"""Variance that is added to that of the changes around a pixel, as a share of the whole display's,
+so that no pixel weighs more than all others."""
 LEAST_TOGGLING = 1.0
 """Smallest toggling seen with the expected signs, in standard errors, from which corners are moved:
 what does not toggle tells of no corner."""
 FAR_BLOCKS = 1.0
-"""Largest move of a corner, in blocks, that one frame pair may bring."""
+"""Largest move of a corner, in blocks, that the frames taken at once may bring."""
 DECIMALS = 9
 """Number of decimals of a move, in halves of the display. The last bits of sums over all pixels
 change with where memory lies, and without them a film is read alike each time."""
@@ -74,68 +75,73 @@ class CornerShift:
         self._information = np.eye(8) / (FIRST_BLOCKS * block) ** 2
 
     def take(
-        self, original: Image, embedded: Image, scores: Array, placements: Sequence[Placement]
+        self, images: Sequence[Image], expected: Real, placements: Sequence[Placement]
     ) -> None:
-        """Take a frame pair and its scores.
+        """Take successive frames and the changes of their blocks.
 
         Args:
-            original: an `Image`, rectified.
-            embedded: an `Image` of the shape of ``original``.
-            scores: (n_bits,) log-likelihood ratios.
-            placements: those of the pair's frames. What the pair shows to be amiss may have been
-                put right since. Nothing is learned of a pair some of whose frames are of a display
-                that was found at another time.
+            images: two or more, an `Image` each, rectified. Each of them but the first is compared
+                with the mean of the one before and the one after it, or with one if that is all.
+            expected: (T, rows, cols) by how much each image should show each block changed, in
+                shares of the message's strength.
+            placements: those of the images. What they show to be amiss may have been put right
+                since. Nothing is learned where some are of a display that was found at another
+                time.
         """
         if any(placement.shift is not self for placement in placements):
             return
-        layout, maps = self.layout, self._maps
-        first, second = (
-            cv2.resize(as_gray(image), maps.size, interpolation=cv2.INTER_AREA)
-            for image in (original, embedded)
-        )
-        expected = self._expected(scores)
-        change = without_slope(cv2.subtract(second, first, dtype=cv2.CV_32F), maps.block)
-        weight = _weight(cv2.addWeighted(first, 0.5, second, 0.5, 0, dtype=cv2.CV_32F))
-        weighed = weight * expected
-        power = _product(weighed, expected)
-        amplitude = _product(weighed, change) / max(power, 1e-9)
-        residual = cv2.scaleAdd(expected, -amplitude, change)
-        weighed = np.multiply(weight, residual, out=weighed)
-        variance = _product(weighed, residual) / float(weight.sum()) * float(maps.block.prod())
-        # noise is alike over a block, which so counts once
-        if amplitude**2 * power < LEAST_TOGGLING**2 * variance or power == 0:
-            return
-        equations = MotionEquations(maps, np.float32)
-        equations.take(expected, residual, weight, amplitude)
-        seen, right = equations.normal()
-        sure = 1 / max(variance, 1e-6)
-        self._information = KEPT * self._information + sure * seen
-        before = np.mean([placement.total for placement in placements], axis=0)
+        seen, right = self._equations(images, expected)
+        self._information = KEPT * self._information + seen
+        before = np.mean([placement.total for placement in placements[1:]], axis=0)
         left = -right - seen @ (self.placement.total - before)
-        move = np.asarray(np.linalg.solve(self._information, sure * left), np.float64)
-        move = move.round(DECIMALS)
+        move = np.asarray(np.linalg.solve(self._information, left), np.float64).round(DECIMALS)
         moved = cv2.perspectiveTransform(UNIT_CORNERS[:, None], unit_homography(move))[:, 0]
         moved -= UNIT_CORNERS
+        layout = self.layout
         if (np.abs(moved) < 2 * FAR_BLOCKS / np.array([layout.cols, layout.rows])).all():
             from_unit = pixels_from_unit(layout.width, layout.height)
             shift = from_unit @ unit_homography(move) @ np.linalg.inv(from_unit)
             H = self.placement.H_followed_from_shown @ shift
             self.placement = Placement(self, self.placement.total + move, H / H[2, 2])
 
-    def _expected(self, scores: Array) -> NDArray[np.float32]:
-        """Draw the expected change of every block, from -1 to 1, smooth and without slope."""
-        blocks = expected_changes(self.layout).copy()
-        blocks[self.layout.message_mask] = np.tanh(np.clip(scores, -20, 20) / 2)
-        return self._maps.drawn(blocks, SPAN)
+    def _equations(self, images: Sequence[Image], expected: Real) -> tuple[Array, Array]:
+        """Write the normal equations of the eight numbers: (8, 8) and (8,), 0 without evidence."""
+        maps, block = self._maps, float(self._maps.block.prod())
+        grays = [cv2.resize(as_gray(i), maps.size, interpolation=cv2.INTER_AREA) for i in images]
+        frames = [
+            self._compared(change, self._maps.drawn(own, SPAN))
+            for change, own in zip(
+                _from_neighbours([gray.astype(np.float32) for gray in grays]),
+                _from_neighbours(list(expected)),
+                strict=True,
+            )
+        ]
+        power = sum(_product(weight * own, own) for own, _, weight in frames)
+        amplitude = sum(_product(weight * own, change) for own, change, weight in frames)
+        amplitude /= max(power, 1e-9)
+        # noise is alike over a block, which so counts once
+        if amplitude**2 * power < LEAST_TOGGLING**2 * block or power == 0:
+            return np.zeros((8, 8)), np.zeros(8)
+        equations = MotionEquations(maps, np.float32)
+        for own, change, weight in frames:
+            equations.take(own, cv2.scaleAdd(own, -amplitude, change), weight, amplitude)
+        seen, right = equations.normal()
+        return seen / block, right / block
+
+    def _compared(self, change: Map, own: Map) -> tuple[Map, Map, Map]:
+        """Give the expected change of a frame, the seen one without slope, and pixels' weights."""
+        maps = self._maps
+        change = without_slope(change, maps.block)
+        variance = cv2.blur(change * change, odd_span(maps.block))
+        variance += LEAST_VARIANCE * float(variance.mean()) + 1e-6
+        return own, change, np.asarray(1 / variance, np.float32)
 
 
-def _weight(mean: Map) -> Map:
-    """Weigh each pixel of a picture: less where the picture is steep, which motion shows most."""
-    x, y = (cv2.Sobel(mean, -1, 1 - axis, axis, scale=1 / (8 * STEEP)) for axis in (0, 1))
-    steep = cv2.magnitude(x, y)
-    steep *= steep
-    steep += 1
-    return np.asarray(np.reciprocal(steep, out=steep), np.float32)
+def _from_neighbours(frames: Sequence[Map]) -> list[Map]:
+    """Take from each frame but the first the mean of the frames before and after it."""
+    pairs = zip(frames[:-2], frames[2:], strict=True)
+    means = [0.5 * (before + after) for before, after in pairs]
+    return [frame - mean for frame, mean in zip(frames[1:], [*means, frames[-2]], strict=True)]
 
 
 def _product(one: Map, other: Map) -> float:

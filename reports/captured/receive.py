@@ -26,7 +26,6 @@ from models.pairwise import compose_pair, trust_of_purity
 from receiver.decoders import PairDecoder, WindowDecoder
 from receiver.diagnosis import explain_silence
 from receiver.reading.reader import DecodedPair
-from receiver.reading.states import block_purity
 from receiver.receiver import Receiver
 
 STRETCH = 8
@@ -99,12 +98,10 @@ class Cut:
 
 def _still(layout: Layout, pair: DecodedPair, bits: NDArray[np.integer]) -> Captured:
     """Make a capture of a frame pair; bits of blocks that its frames mix or miss are unknown."""
-    purity = np.minimum(pair.original.purity, pair.embedded.purity)
-    seen = trust_of_purity(block_purity(purity, layout)) > 0
+    seen = trust_of_purity(pair.shown.purity) > 0
     whole = frame_corners(layout.width, layout.height)
-    images = pair.original.image, pair.embedded.image
     meta: dict[str, object] = {"time_s": round(pair.time, 3)}
-    return Captured(*images, layout, whole, whole, np.where(seen, bits, -1), meta=meta)
+    return Captured(*pair.shown.images, layout, whole, whole, np.where(seen, bits, -1), meta=meta)
 
 
 def pair_of_window(window: KnownWindow, number: int) -> Captured:

@@ -1,0 +1,106 @@
+"""Frame pairs as they were read: their scores, and what the camera saw of their two states."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from link.frames import SoftBits
+from link.observation import Observation
+from link.types import Image
+from models.pairwise import compose_pair
+from receiver.reading.states import DisplayState, block_purity
+
+
+class Shown(Protocol):
+    """What the camera saw of the two states of a frame pair."""
+
+    @property
+    def images(self) -> tuple[Image, Image]:
+        """The original and the embedded state, an `Image` each of the layout's size."""
+        ...
+
+    @property
+    def purity(self) -> NDArray[np.floating]:
+        """(n_bits,) how purely exposures fell into one state at each message block, in [0, 1]."""
+        ...
+
+    @property
+    def frames(self) -> tuple[int, int]:
+        """Numbers of camera frames that show the original and the embedded state."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class States:
+    """A frame pair whose two states were put together from camera frames."""
+
+    original: DisplayState
+    """First state of the pair."""
+    embedded: DisplayState
+    """Second state of the pair."""
+    blocks: NDArray[np.bool_]
+    """(rows, cols) blocks that hold bits of the message."""
+
+    @property
+    def images(self) -> tuple[Image, Image]:
+        """See `Shown`."""
+        return self.original.image, self.embedded.image
+
+    @cached_property
+    def purity(self) -> NDArray[np.floating]:
+        """See `Shown`."""
+        purer = np.minimum(self.original.purity, self.embedded.purity)
+        return block_purity(purer, self.blocks)
+
+    @property
+    def frames(self) -> tuple[int, int]:
+        """See `Shown`."""
+        return self.original.frames, self.embedded.frames
+
+
+@dataclass(frozen=True, eq=False)
+class InWindow:
+    """A frame pair that was read in a window of film."""
+
+    window: Observation
+    """The window."""
+    place: int
+    """Place of the frame pair among those of the window."""
+
+    @cached_property
+    def _composed(self) -> tuple[Image, Image, NDArray[np.float32]]:
+        return compose_pair(self.window, self.place)
+
+    @property
+    def images(self) -> tuple[Image, Image]:
+        """See `Shown`."""
+        return self._composed[:2]
+
+    @property
+    def purity(self) -> NDArray[np.floating]:
+        """See `Shown`."""
+        return self._composed[2][self.window.layout.message_mask]
+
+    @cached_property
+    def frames(self) -> tuple[int, int]:
+        """See `Shown`; a frame that mixes both states evenly counts for neither."""
+        mixture = self.window.mixture
+        shares = mixture.shares.mean((2, 3))[mixture.pair == self.place]
+        return int((shares < 0).sum()), int((shares > 0).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class ReadPair:
+    """A frame pair and its scores."""
+
+    number: int
+    """Number of the frame pair on the display, counted from an arbitrary start."""
+    soft: SoftBits
+    """Scores, 0 for erased blocks."""
+    shown: Shown
+    """What the camera saw of it."""
+    mixed: float = 0.0
+    """Share in [0, 1] of the blocks' trust that mixed exposures cost."""
