@@ -10,7 +10,6 @@
 
 import { openSync, readFileSync, readSync } from "node:fs";
 import { join } from "node:path";
-import { Decoder } from "./port/export/decoder.js";
 import { FilmGraph } from "./port/export/filmGraph.js";
 import { loadOpenCv } from "./port/image/opencv.js";
 import { Layout } from "./port/link/layout.js";
@@ -18,18 +17,6 @@ import { Receiver } from "./port/receiver/receiver.js";
 
 const [site, film] = process.argv.slice(2);
 if (!film) throw new Error("name the site and the film: node read.js SITE FILM.y4m");
-
-/** @returns {Promise<Decoder[]>} the decoders of the site, ready */
-async function loadDecoders() {
-  /** @type {{ layout: any, model: string }[]} */
-  const presets = JSON.parse(readFileSync(join(site, "presets.json"), "utf8"));
-  const decoders = presets.map(
-    ({ layout, model }) =>
-      new Decoder(new Layout(layout), new Uint8Array(readFileSync(join(site, model)))),
-  );
-  for (const decoder of decoders) await decoder.load();
-  return decoders;
-}
 
 /**
  * Read the frames of a film.
@@ -54,7 +41,9 @@ function* framesOf() {
 }
 
 await loadOpenCv(new Uint8Array(readFileSync(join(site, "opencv.wasm"))));
-const decoders = await loadDecoders();
+/** @type {{ layout: any }[]} */
+const presets = JSON.parse(readFileSync(join(site, "presets.json"), "utf8"));
+const layouts = presets.map(({ layout }) => new Layout(layout));
 const filmGraph = new FilmGraph(new Uint8Array(readFileSync(join(site, "models/film.onnx"))));
 await filmGraph.load();
 /** @type {Receiver | null} */
@@ -63,7 +52,7 @@ let message = null;
 let seconds = 0;
 let last = 0;
 for (const { plane, time, fps } of framesOf()) {
-  receiver ??= new Receiver(decoders, filmGraph, fps);
+  receiver ??= new Receiver(layouts, filmGraph, fps);
   const start = performance.now();
   const step = await receiver.push(plane, time);
   seconds += (performance.now() - start) / 1000;

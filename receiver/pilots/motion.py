@@ -66,10 +66,10 @@ def without_slope(change: NDArray[np.floating], block: Array) -> Map:
         (h, w) in the units of ``change``.
     """
     change = np.ascontiguousarray(change, np.float32)
-    return np.asarray(change - cv2.blur(change, odd_span(block)), np.float32)
+    return np.asarray(change - cv2.blur(change, slope_span(block)), np.float32)
 
 
-def odd_span(block: Array) -> tuple[int, int]:
+def slope_span(block: Array) -> tuple[int, int]:
     """Give the width and height of three blocks, whose sides are given in pixels: odd numbers."""
     width, height = (int(3 * side) | 1 for side in block)
     return width, height

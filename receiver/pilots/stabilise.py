@@ -19,10 +19,9 @@ CLEAR, FAINT = 0.005, 0.002
 """Smallest share of how clear the clearest point is at which others are followed: less clear ones
 may be noise. The second holds where a picture may move, because the clearest points then are its,
 and those of the room count. Chosen by hand."""
-ROOM_POINTS, APART_PX = 24, 8.0
-"""Number of points that must lie around a picture that moves, for them to say how the camera moves,
-and least distance of points from it and from each other, in pixels of the copies: motion is seen in
-`FLOW_PX` pixels. Chosen by hand."""
+APART_PX = 8.0
+"""Least distance of points from each other, in pixels of the copies: motion is seen in `FLOW_PX`
+pixels. Chosen by hand."""
 FLOW_PX = 15
 """Width and height, in pixels of the copies, of what is compared around a point; OpenCV takes 21
 unless told otherwise, and fewer cost less. Chosen by hand."""
@@ -81,22 +80,15 @@ class Stabiliser:
     """Follows the camera's motion since a reference frame, by optical flow and one homography.
 
     Most points move with the camera. But if a display shows a video, its picture moves as well, and
-    may have more points than the room. Then points around the picture are followed, or, as long as
-    nobody knows where it is, those points count that lie farther apart.
+    may have more points than the room. Then those points count that lie farther apart.
 
     Args:
         gray: the reference frame, (H, W) uint8.
         far_apart: whether, of two motions, that of the points counts which lie farther apart, and
             not that of the most points.
-        picture: (4, 2) pixels of the corners of a picture that moves by itself. Points around it
-            are followed, if there are `ROOM_POINTS`; else ``far_apart`` holds.
     """
 
-    def __init__(
-        self, gray: Gray, *, far_apart: bool = False, picture: Array | None = None
-    ) -> None:
-        self.share = 0.0
-        """Share of the reference's points that moved as one in the last frame, in [0, 1]."""
+    def __init__(self, gray: Gray, *, far_apart: bool = False) -> None:
         self.tracks: Tracks | None = None
         """Points found again in the last frame; None where pictures in it may move."""
         self._far_apart = far_apart
@@ -104,16 +96,7 @@ class Stabiliser:
         self._reference = _small(gray)
         x, y = width / self._reference.shape[1], height / self._reference.shape[0]
         self._H_image_from_copy = resized_homography(x, y)
-        room = np.zeros((0, 1, 2), np.float32)
-        if picture is not None:
-            pixels = np.indices(self._reference.shape, np.float32)
-            far = _outside(self.on_copy(picture), pixels[1], pixels[0]) >= APART_PX
-            around = np.where(far, 255, 0).astype(np.uint8)
-            room = _clear_points(self._reference, 1, CLEAR, around)
-        if len(room) >= ROOM_POINTS:
-            self._points, self._far_apart = room, False
-        else:
-            self._points = _clear_points(self._reference, PARTS, FAINT if far_apart else CLEAR)
+        self._points = _clear_points(self._reference, FAINT if far_apart else CLEAR)
         self._guess = self._points.copy()
 
     def follow(self, gray: Gray) -> Array | None:
@@ -145,8 +128,7 @@ class Stabiliser:
         if not motions:
             return None
         self.tracks = None if self._far_apart else self._tracks(self._points[good], moved[good])
-        H, same = max(motions, key=lambda motion: _area(motion[1]))
-        self.share = len(same) / len(self._points)
+        H, _ = max(motions, key=lambda motion: _area(motion[1]))
         self._guess = np.asarray(cv2.perspectiveTransform(self._points, H), np.float32)
         return np.asarray(self._H_image_from_copy @ H @ np.linalg.inv(self._H_image_from_copy))
 
@@ -195,22 +177,18 @@ def _outside(quad: Array, x: NDArray[np.float32], y: NDArray[np.float32]) -> NDA
     return outside
 
 
-def _clear_points(
-    gray: Gray, parts: int, least: float, mask: Gray | None = None
-) -> NDArray[np.float32]:
+def _clear_points(gray: Gray, least: float) -> NDArray[np.float32]:
     """Choose the clearest points of an image, but only so many in each of its parts, (n, 1, 2).
 
     Args:
         gray: (h, w) uint8.
-        parts: number of parts along each axis.
         least: smallest share of how clear the clearest point is.
-        mask: (h, w) uint8, 0 where no points are taken; None to take them anywhere.
     """
-    points = cv2.goodFeaturesToTrack(gray, 0, least, APART_PX, mask=mask)
+    points = cv2.goodFeaturesToTrack(gray, 0, least, APART_PX)
     if points is None:
         return np.zeros((0, 1, 2), np.float32)
-    x, y = (parts * points[:, 0] // gray.shape[::-1]).astype(int).T
-    room = np.full((parts, parts), POINTS // parts**2)
+    x, y = (PARTS * points[:, 0] // gray.shape[::-1]).astype(int).T
+    room = np.full((PARTS, PARTS), POINTS // PARTS**2)
     kept = []
     for number, part in enumerate(zip(y, x, strict=True)):  # the clearest comes first
         if room[part] > 0:

@@ -95,9 +95,7 @@ class FilmReader:
         yield from self._take_scored()
         waiting = self._waiting(clock, int(end // 2))
         while waiting and (over or self._is_due(2 * clock.period * len(waiting))):
-            start = perf_counter()
             self._score(clock, waiting[:MOST_WAITING])
-            self._timing.add("film", start)
             yield from self._take_scored()
             waiting = self._waiting(clock, int(end // 2))
 
@@ -151,8 +149,10 @@ class FilmReader:
         first = spans[begin][0]
         over = np.inf if end == len(frames) else clock.number(now + clock.earliest) / 2
         done = [number for number in numbers if number <= min(last, over - 1)] or numbers[:1]
+        start = perf_counter()
         window = self._cut(frames[begin:end], clock, first, last)
         scores = self._decoder.decode(window).scores.reshape(last + 1 - first, -1)  # (P n_bits,)
+        self._timing.add("film", start)
         for number in done:
             if first <= number <= last:
                 soft = SoftBits(scores[number - first])

@@ -21,8 +21,8 @@ from receiver.pilots.motion import (
     GridMaps,
     MotionEquations,
     map_size,
-    odd_span,
     pixels_from_unit,
+    slope_span,
     unit_homography,
     without_slope,
 )
@@ -91,6 +91,8 @@ class CornerShift:
         if any(placement.shift is not self for placement in placements):
             return
         seen, right = self._equations(images, expected)
+        if not seen.any():
+            return
         self._information = KEPT * self._information + seen
         before = np.mean([placement.total for placement in placements[1:]], axis=0)
         left = -right - seen @ (self.placement.total - before)
@@ -132,7 +134,7 @@ class CornerShift:
         """Give the expected change of a frame, the seen one without slope, and pixels' weights."""
         maps = self._maps
         change = without_slope(change, maps.block)
-        variance = cv2.blur(change * change, odd_span(maps.block))
+        variance = cv2.blur(change * change, slope_span(maps.block))
         variance += LEAST_VARIANCE * float(variance.mean()) + 1e-6
         return own, change, np.asarray(1 / variance, np.float32)
 

@@ -11,14 +11,12 @@ from pilot_films import FINE, texture
 import receiver.tracking.corners as corners_module
 from link.geometry import frame_corners, transform
 from link.layout import Layout, make_layout
-from link.pilots import pilot_signs
+from link.pilots import expected_changes, pilot_signs
 from link.types import Array, Image
 from receiver.tracking.corners import CornerShift
 from receiver.tracking.follow import Follower
 
 CLOSE_PX = 0.2
-SURE = 6.0
-"""Score of a block that is decoded without doubt, in log-likelihood units."""
 
 
 def moved(*, x: float = 0.0, y: float = 0.0, corner: float = 0.0) -> Array:
@@ -46,7 +44,8 @@ class Display:
         self.rng = np.random.default_rng(0)
         self.picture = 130 + 25 * texture((layout.height, layout.width), 1, 12.0)
 
-    def pair(self, H_old_from_new: Array) -> tuple[Image, Image, Array]:
+    def pair(self, H_old_from_new: Array) -> tuple[list[Image], Array]:
+        """Two frames, and by how much each shows each block changed."""
         layout = self.layout
         signs = self.rng.choice([-1.0, 1.0], layout.rows * layout.cols)
         signs[layout.pilot_blocks] = pilot_signs(layout)
@@ -60,15 +59,15 @@ class Display:
             noisy = seen + self.rng.normal(0, 2, seen.shape)
             gray = np.clip(noisy + 0.5, 0, 255).astype(np.uint8)
             frames.append(np.repeat(gray[:, :, None], 3, axis=2) if self.colour else gray)
-        return frames[0], frames[1], SURE * grid[layout.message_mask]
+        return frames, np.stack([-grid / 2, grid / 2])
 
 
-def follow(display: Display, H: Array, pairs: int, score_of: Callable[[Array], Array]) -> Array:
+def follow(display: Display, H: Array, pairs: int, known: Callable[[Array], Array]) -> Array:
     """Move the display by what each frame pair says; how it is misplaced in the end."""
     shifts, start = CornerShift(display.layout), H
     for _ in range(pairs):
-        first, second, scores = display.pair(H)
-        shifts.take(first, second, score_of(scores), [shifts.placement])
+        frames, changes = display.pair(H)
+        shifts.take(frames, known(changes), 2 * [shifts.placement])
         H = left(shifts, start)
     return H
 
@@ -92,7 +91,7 @@ def test_the_display_is_moved_to_where_its_blocks_lie(misplaced: Array, colour: 
     shifts, errors = CornerShift(FINE), []
     corners = frame_corners(FINE.width, FINE.height)
     for _ in range(14):
-        shifts.take(*display.pair(H), [shifts.placement])
+        shifts.take(*display.pair(H), 2 * [shifts.placement])
         H = left(shifts, misplaced)
         errors.append(transform(H, corners) - corners)
     settled = np.array(errors[6:])
@@ -109,7 +108,7 @@ def test_frame_pairs_that_waited_move_the_display_once() -> None:
     shifts = CornerShift(FINE)
     before = shifts.placement
     for _ in range(20):
-        shifts.take(*display.pair(misplaced), [before])
+        shifts.take(*display.pair(misplaced), 2 * [before])
         assert largest_move(left(shifts, misplaced)) < 1.1 * largest_move(misplaced)
     assert largest_move(left(shifts, misplaced)) < 0.5 * largest_move(misplaced)
 
@@ -125,7 +124,9 @@ def test_frames_of_a_display_that_was_found_at_another_time_move_nothing() -> No
 @pytest.mark.slow
 def test_pilots_alone_move_the_display() -> None:
     """Without a decoded block, the message is noise beside the signs of the pilots."""
-    assert largest_move(follow(Display(), moved(x=5.0, y=5.0), 20, np.zeros_like)) < 2.5
+    pilots = np.abs(expected_changes(FINE))
+    start = moved(x=5.0, y=5.0)
+    assert largest_move(follow(Display(), start, 20, lambda changes: changes * pilots)) < 3.0
 
 
 def test_without_evidence_nothing_moves() -> None:
@@ -133,14 +134,21 @@ def test_without_evidence_nothing_moves() -> None:
     assert largest_move(follow(still, np.eye(3), 8, np.zeros_like)) < 0.1
     even = np.full((FINE.height, FINE.width), 90, np.uint8)
     shifts = CornerShift(FINE)
-    shifts.take(even, even, np.zeros(FINE.n_bits), [shifts.placement])
+    pilots = expected_changes(FINE) / 2
+    shifts.take([even, even], np.stack([-pilots, pilots]), 2 * [shifts.placement])
     assert largest_move(shifts.placement.H_followed_from_shown) < 1e-6
 
 
-def test_scores_without_bound_are_taken() -> None:
-    display = Display()
-    endless = follow(display, moved(x=3.0), 6, lambda scores: scores * 1e6)
-    assert largest_move(endless) < 3 * CLOSE_PX
+def test_a_picture_that_moves_costs_what_it_covers() -> None:
+    """A third of the display shows another picture in each frame."""
+    display, shifts, misplaced = Display(), CornerShift(FINE), moved(x=3.0, y=-2.0)
+    for number in range(12):
+        frames, changes = display.pair(left(shifts, misplaced))
+        for side, frame in enumerate(frames):
+            other = 130 + 60 * texture((FINE.height, FINE.width), 2 * number + side + 5, 12.0)
+            frame[:, : FINE.width // 3] = other[:, : FINE.width // 3].clip(0, 255)
+        shifts.take(frames, changes, 2 * [shifts.placement])
+    assert largest_move(left(shifts, misplaced)) < 5 * CLOSE_PX
 
 
 def test_a_far_move_is_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -150,11 +158,11 @@ def test_a_far_move_is_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_array_equal(follow(display, misplaced, 1, np.asarray), misplaced)
 
 
-def test_no_frame_pair_moves_a_corner_by_more_than_a_block() -> None:
+def test_no_frames_move_a_corner_by_more_than_a_block() -> None:
     display, shifts = Display(kappa=20.0), CornerShift(FINE)
     for far in np.linspace(-40, 40, 17):
         before = shifts.placement.H_followed_from_shown
-        shifts.take(*display.pair(moved(x=far, y=-far)), [shifts.placement])
+        shifts.take(*display.pair(moved(x=far, y=-far)), 2 * [shifts.placement])
         step = np.linalg.inv(before) @ shifts.placement.H_followed_from_shown
         assert largest_move(step) < np.sqrt(2) * FINE.width / FINE.cols
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from pilot_films import FINE, MOVING_OUTLINE, OTHER, BlockMeans, filmed, moving_picture
+from pilot_films import FINE, OTHER, BlockMeans, filmed, moving_picture
 
 import receiver.tracking.judge as judge_module
 from link.presets import PRESETS
@@ -116,18 +116,6 @@ def test_of_two_motions_that_of_the_points_that_lie_farther_apart_is_chosen() ->
         H = stabiliser.follow(moving_picture(6))
         middle = H @ [320.0, 320.0, 1.0]
         assert middle[0] / middle[2] - 320 == pytest.approx(moved, abs=0.3)
-        assert 0 < stabiliser.share < 0.9
-
-
-def test_around_a_picture_that_moves_all_points_are_those_of_the_room() -> None:
-    stabiliser = Stabiliser(moving_picture(0), far_apart=True, picture=MOVING_OUTLINE)
-    H = stabiliser.follow(moving_picture(6))
-    np.testing.assert_allclose(H / H[2, 2], np.eye(3), atol=0.01)
-    assert stabiliser.share > 0.97
-    everything = np.array([[-50.0, -50.0], [700.0, -50.0], [700.0, 700.0], [-50.0, 700.0]])
-    stabiliser = Stabiliser(moving_picture(0), far_apart=True, picture=everything)
-    assert stabiliser.follow(moving_picture(6)) is not None
-    assert 0 < stabiliser.share < 0.9  # nothing lies around it: points are taken from all over
 
 
 @pytest.mark.slow

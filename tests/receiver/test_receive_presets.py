@@ -24,6 +24,7 @@ from models import PRETRAINED, PRETRAINED_PILOTS, shipped_graphs
 from receiver.decoders import ShippedDecoder
 from receiver.reading.occlusion import Occlusion
 from receiver.reading.reader import DecodedPair
+from receiver.reading.shown import States
 from receiver.reading.states import DisplayState
 from receiver.receiver import Receiver, make_trackers
 from receiver.stream import MAX_PRINTED_BITS, pair_event
@@ -257,7 +258,8 @@ def test_presets_are_named_by_their_layouts() -> None:
 def test_few_bits_are_printed_and_many_where_scores_are(count: int) -> None:
     scores = np.resize([2.0, -2.0, 0.0], count)
     state = DisplayState(np.zeros((8, 8), np.uint8), np.ones((2, 2)), 3)
-    pair = DecodedPair(7, 1.25, SoftBits(scores), state, state, 0.5)
+    shown = States(state, state, np.ones((2, 2), bool))
+    pair = DecodedPair(7, 1.25, SoftBits(scores), shown, 0.5)
     plain, whole = pair_event(pair, scores=False), pair_event(pair, scores=True)
     assert ("bits" in plain) == (count <= MAX_PRINTED_BITS)
     assert "scores" not in plain

@@ -200,12 +200,11 @@ def test_a_coded_film_is_found_with_its_clock(dark: bool, port: Port) -> None:
 def test_a_coded_film_is_read_with_its_clock(port: Port) -> None:
     """Scores of the same frame pairs, by their numbers modulo the code's period."""
     images, _ = filmed(LAYOUT, 124, seed=4, hold=1)  # fewer frame pairs than the code has
-    decoder, page = Decoder(GRAPH, threads=1, time_limit_s=60), port("export/decoder.js")
+    decoder = Decoder(GRAPH, threads=1, time_limit_s=60)
     decoder.layout = LAYOUT
     receiver = Receiver([decoder], FPS, FilmGraph(FILM_GRAPH, 1))
     film = port("export/filmGraph.js").FilmGraph(FILM_GRAPH.read_bytes())
-    decoders = [page.Decoder(LAYOUT, GRAPH.read_bytes())]
-    ported = port("receiver/receiver.js").Receiver(decoders, film, FPS)
+    ported = port("receiver/receiver.js").Receiver([LAYOUT], film, FPS)
     known, found = {}, {}
     for number, image in enumerate(images[::2]):
         for reader, pairs in ((receiver, known), (ported, found)):

@@ -12,8 +12,9 @@ from export.film_graph import FilmGraph
 from export.parity import synthetic_window
 from link.presets import PRESETS
 from models import FILM_GRAPH
-from receiver.reading.film import MOST_PAIRS, FilmDesk
+from receiver.reading.film import MOST_PAIRS, FilmReader
 from receiver.seen import MESH, SeenFrames
+from receiver.sight import StageTimes
 
 LAYOUT = PRESETS["robust"].layout
 
@@ -47,34 +48,32 @@ class Counting(FilmGraph):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("gap_s", [0.0, 20.0])
-def test_windows_are_scored_as_by_python(port, gap_s):
+def test_windows_are_read_as_by_python(port, gap_s):
     shown, clock = film_of(gap_s=gap_s)
     decoder = Counting(FILM_GRAPH, 1)
     seen = SeenFrames()
-    desk = FilmDesk(LAYOUT, decoder, seen)
+    reader = FilmReader(LAYOUT, decoder, seen, 30, StageTimes())
     graph = port("export/filmGraph.js").FilmGraph(FILM_GRAPH.read_bytes())
-    ported = port("receiver/reading/film.js").FilmDesk(LAYOUT, graph, 64)
+    times = port("receiver/sight.js").StageTimes()
+    ported = port("receiver/reading/film.js").FilmReader(LAYOUT, graph, 30, times)
     ported_clock = port("link/clock.js").DisplayClock(*astuple(clock))
-    waiting, compared, next_pair = [], 0, int(np.ceil(clock.number(shown[0].time) / 2))
-    for frame in shown:
-        seen.add(frame)
-        ported.add({"time": frame.time, "rectified": frame.rectified, "inView": frame.in_view})
-        while clock.number(frame.time + clock.earliest) >= 2 * next_pair + 2:
-            waiting.append(next_pair)
-            next_pair += 1
-        waiting_s = 2 * clock.period * len(waiting)
-        assert ported.due(30, waiting_s) == desk.due(30, waiting_s)
-        if not waiting or not desk.due(30, waiting_s):
-            continue
-        known = desk.score(clock, waiting)
-        found = ported.score(ported_clock, waiting)
-        numbers = found.keys()  # of a Map of the page
-        assert [int(key) for key in numbers] == list(known)
-        for number, scores in known.items():
-            same(found.get(number), scores, FILM_SCORE)
-            compared += 1
-        waiting = waiting[len(known) :]
-    assert compared >= 5
+    numbers = []
+    for frame in [*shown, None]:
+        now = np.inf if frame is None else frame.time
+        if frame is not None:
+            seen.add(frame)
+            seen_by_page = {"rectified": frame.rectified, "inView": frame.in_view}
+            ported.add({"time": frame.time, **seen_by_page})
+        found = ported.read(ported_clock, now)
+        for pair in reader.read(clock, now):
+            other = found.next().value
+            assert (other.number, other.frames) == (pair.number, list(pair.shown.frames))
+            same(other.scores, pair.soft.scores, FILM_SCORE)
+            numbers.append(pair.number)
+        assert found.next().done
+        seen.let_go(reader.read_until)
+    assert len(numbers) >= 9
+    assert numbers == sorted(set(numbers))
     assert max(decoder.counts) <= MOST_PAIRS
 
 

@@ -2,24 +2,19 @@
 
 import base64
 import json
-from dataclasses import asdict, astuple, dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 import pytest
 import tolerances as within
 from pilot_films import TEXT, robust_film, texture
-from port import differences, same
-from streams import seen_frame
+from port import same
 from web_films import write_y4m
 
 from export.film_graph import FilmGraph
 from export.runtime import Decoder
-from link.clock import DisplayClock
-from link.layout import make_layout
-from link.presets import PRESETS
 from models import FILM_GRAPH, PRETRAINED_PILOTS
 from receiver.diagnosis import Observations, explain_silence
-from receiver.reading.states import block_purity, compose_state
 from receiver.receiver import Receiver
 from receiver.seen import points_in_view
 from receiver.timing.synchronise import Toggling
@@ -29,53 +24,8 @@ OUTSIDE = np.array([[-30.0, 10.0], [600.0, -20.0], [640.0, 470.0], [20.0, 430.0]
 """Corners of a display that lies partly outside an image of 640 x 480."""
 
 
-CLOCKS = {
-    "pure": (DisplayClock(0.1, 0.01, 0.0, 0.02, 0.01), range(1, 7), 1),
-    "mixed": (DisplayClock(1 / 29, 0.01, 0.004, -0.02, 0.02), range(5, 18, 2), 2),
-    "cut": (DisplayClock(1 / 12, 0.03, 0.0, 0.03, 0.03), range(2, 6), 3),
-}
-"""A clock, numbers of states, and a seed, of frames that are pure, mixed, or partly in view."""
-LAYOUTS = [
-    make_layout(*grid, 512, 384, modulation="antipodal", pilots="auto")
-    for grid in ((24, 32), (16, 16), (12, 20))
-]
-
-
-@pytest.mark.parametrize("name", CLOCKS)
-def test_states_are_put_together_as_by_python(port, name):
-    clock, numbers, seed = CLOCKS[name]
-    rng, module = np.random.default_rng(seed), port("receiver/reading/states.js")
-    frames = [
-        seen_frame(
-            number / 30 + 0.2,
-            rng.integers(0, 256, (48, 70)).astype(np.uint8),
-            points_in_view(OUTSIDE, (480, 640)) if name == "cut" and number % 3 else None,
-        )
-        for number in range(12)
-    ]
-    ported_clock = port("link/clock.js").DisplayClock(*astuple(clock))
-    ported = [
-        {"time": frame.time, "rectified": frame.rectified, "inView": frame.in_view}
-        for frame in frames
-    ]
-    for number in numbers:
-        known = compose_state(frames, clock, number)
-        found = module.composeState(ported, ported_clock, number)
-        assert (found is None) == (known is None), f"state {number}"
-        if known is None:
-            continue
-        assert found.frames == known.frames
-        same(found.purity, known.purity, within.SAME_STEPS)
-        most, mean = differences(found.image, known.image)
-        assert most <= within.ROUNDED_LEVELS
-        assert mean < within.STATE_MEAN
-        for layout in LAYOUTS:
-            blocks = block_purity(known.purity, layout)
-            same(module.blockPurity(found.purity, layout), blocks, within.STATE_PURITY)
-
-
 def test_points_in_view(port):
-    points = port("receiver/reading/states.js").pointsInView
+    points = port("receiver/reading/film.js").pointsInView
     same(points(OUTSIDE.tolist(), 640, 480), points_in_view(OUTSIDE, (480, 640)))
     inside = [[0, 0], [99, 0], [99, 99], [0, 99]]
     assert points(inside, 100, 100) is None
@@ -100,7 +50,7 @@ SILENCES = [
     Observations(30, **FOUND, toggling=Toggling(0.31, 0.2, 9.0, 0.6)),
     Observations(30, **FOUND, toggling=WEAK),
     Observations(30, **FOUND, decoded=7, progress=0.413),
-    Observations(25, **FOUND, decoded=7, progress=0.1, state_hz=24.2, mixed=0.8),
+    Observations(25, **FOUND, decoded=7, progress=0.1, state_hz=24.2),
     Observations(60, **FOUND, decoded=91, state_hz=59.49, presets=["hidden"]),
     Observations(30, **FOUND, decoded=7, state_hz=29.0, presets=["hidden"]),
     Observations(29.97, frames=90, level=9.0, presets=["paper", "fast", "hidden"]),
@@ -178,11 +128,10 @@ def bits_alike(scores, others):
 @pytest.mark.parametrize("film", [pilots_film, empty_film])
 def test_a_film_is_read_as_by_python(film, port):
     frames = film()
-    decoder, module = Decoder(MODEL, threads=1, time_limit_s=60), port("export/decoder.js")
+    decoder = Decoder(MODEL, threads=1, time_limit_s=60)
     receiver = Receiver([decoder], 30.0, FilmGraph(FILM_GRAPH, 1))
-    ported_decoder = module.Decoder(PRESETS["robust"].layout, MODEL.read_bytes())
     film_graph = port("export/filmGraph.js").FilmGraph(FILM_GRAPH.read_bytes())
-    ported = port("receiver/receiver.js").Receiver([ported_decoder], film_graph, 30)
+    ported = port("receiver/receiver.js").Receiver([decoder.layout], film_graph, 30)
     known, message = read(receiver, frames, "state_hz")
     found, page_message = read(ported, frames, "stateHz")
     assert (message is None) == (film is empty_film)

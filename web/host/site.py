@@ -23,7 +23,7 @@ from link.files.lock import locked
 from link.files.together import lent_folder
 from link.images import write_bytes, write_image
 from link.presets import PRESETS
-from models import FILM_GRAPH, shipped_graphs
+from models import FILM_GRAPH
 from models.film.window import reads_films
 from sender.compact import TEMPLATE
 from web.host.constants import write_constants
@@ -162,14 +162,12 @@ def write_inputs(folder: Path) -> None:
 
 
 def write_presets(folder: Path) -> None:
-    """Write the graphs of the presets that the page reads, and what it knows of each."""
-    names = {preset.layout: name for name, preset in PRESETS.items() if reads_films(preset.layout)}
-    tables = []
-    for layout, name in names.items():
-        graph = shipped_graphs()[layout]
-        model = f"models/{name}.onnx"
-        write_bytes(folder / model, graph.read_bytes())
-        tables.append({"name": name, "model": model, "layout": layout_table(layout)})
+    """Write the film decoder's graph, and the layouts of the presets that the page reads."""
+    tables = [
+        {"name": name, "layout": layout_table(preset.layout)}
+        for name, preset in PRESETS.items()
+        if reads_films(preset.layout)
+    ]
     write_bytes(folder / "models/film.onnx", FILM_GRAPH.read_bytes())
     write_bytes(folder / MARK, json.dumps(tables, separators=(",", ":")).encode())
 

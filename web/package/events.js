@@ -23,7 +23,7 @@ export function rounded(value, digits = 4) {
  * @param {boolean} withScores - whether its scores are said, too
  * @returns {PairEvent}
  */
-export function pairEvent({ number, time, scores, original, embedded, progress }, withScores) {
+export function pairEvent({ number, time, scores, frames, progress }, withScores) {
   const sure = scores.reduce((sum, score) => sum + 1 / (1 + Math.exp(-Math.abs(score))), 0);
   /** @type {PairEvent} */
   const event = {
@@ -32,7 +32,7 @@ export function pairEvent({ number, time, scores, original, embedded, progress }
     time: rounded(time),
     erased: scores.filter((score) => score === 0).length,
     confidence: rounded(sure / scores.length),
-    frames: [original.frames, embedded.frames],
+    frames,
     progress: rounded(progress),
   };
   if (withScores || scores.length <= receiverStream.MAX_PRINTED_BITS) {

@@ -5,7 +5,6 @@
  * module exports is promised to stay. Reading keeps a processor busy, so pages do it in a worker.
  */
 
-import { Decoder } from "../port/export/decoder.js";
 import { FilmGraph } from "../port/export/filmGraph.js";
 import { loadOpenCv } from "../port/image/opencv.js";
 import { Verifier } from "../port/link/code/authenticate.js";
@@ -26,8 +25,8 @@ import { messageEvent, pairEvent, rounded } from "./events.js";
  *   Frame
  */
 
-/** What is looked for, by the name of its preset. @type {Map<string, Decoder>} */
-const decoders = new Map();
+/** What is looked for, by the name of its preset. @type {Map<string, Layout>} */
+const layouts = new Map();
 /** Decodes windows of film, once it is loaded. @type {FilmGraph} */
 let film;
 
@@ -53,8 +52,8 @@ export async function load(folder = import.meta.url) {
     read("presets.json"),
     read("opencv.wasm").then(loadOpenCv),
   ]);
-  for (const { name, layout, model } of JSON.parse(new TextDecoder().decode(presets))) {
-    if (!decoders.has(name)) decoders.set(name, new Decoder(new Layout(layout), await read(model)));
+  for (const { name, layout } of JSON.parse(new TextDecoder().decode(presets))) {
+    if (!layouts.has(name)) layouts.set(name, new Layout(layout));
   }
   film ??= new FilmGraph(await read("models/film.onnx"));
 }
@@ -81,14 +80,14 @@ export class Receiver {
    */
   constructor(fps, { models, key = null, maxAgeS = null, scores = false, frameMs } = {}) {
     if (!(fps > 0)) throw new Error(`fps: need more than 0, got ${fps}`);
-    if (decoders.size === 0) throw new Error("await load() before the first receiver is made");
-    const wanted = (models ?? [...decoders.keys()]).map((name) => {
-      const decoder = decoders.get(name);
-      if (!decoder) {
-        const read = [...decoders.keys()].join(", ");
+    if (layouts.size === 0) throw new Error("await load() before the first receiver is made");
+    const wanted = (models ?? [...layouts.keys()]).map((name) => {
+      const layout = layouts.get(name);
+      if (!layout) {
+        const read = [...layouts.keys()].join(", ");
         throw new Error(`models: ${name} is none of ${read}; python -m receiver reads paper, too`);
       }
-      return decoder;
+      return layout;
     });
     this.#receiver = new FrameReceiver(wanted, film, fps, frameMs);
     if (key !== null && !(key instanceof Uint8Array)) throw new Error("key: need bytes, or null");
@@ -121,7 +120,7 @@ export class Receiver {
       if ((seen !== null) !== this.#inView || (this.#inView && seen?.anew)) {
         this.#inView = seen !== null;
         const corners = seen && seen.corners.map((point) => point.map((at) => rounded(at, 2)));
-        const preset = [...decoders].find(([, { layout }]) => layout === this.#receiver.layout);
+        const preset = [...layouts].find(([, layout]) => layout === this.#receiver.layout);
         const shown = seen ? { preset: preset?.[0] ?? null } : {};
         events.push({ event: "display", time: rounded(time), frame: name, corners, ...shown });
       }

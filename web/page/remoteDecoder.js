@@ -1,13 +1,12 @@
-/** Decoders whose graphs run in another worker (decoding.js). */
+/** The film decoder, whose graph runs in another worker (decoding.js). */
 
 import { wrap } from "comlink";
 
 /** @import { Remote } from "comlink" */
-/** @import { Layout } from "../port/link/layout.js" */
 /** @import { Decoding } from "./decoding.js" */
 
 /**
- * Start the worker that runs the graphs.
+ * Start the worker that runs the graph.
  *
  * @param {string} address - of its program
  * @returns {{ decoding: Remote<Decoding>, ready: Promise<void> }} its functions, and what resolves
@@ -25,36 +24,6 @@ export function startDecoding(address) {
     decoding.prepare().then(resolve, reject);
   });
   return { decoding, ready };
-}
-
-/** A decoder of one layout, as a `Decoder` (../decoder.js). */
-export class RemoteDecoder {
-  /**
-   * @param {Layout} layout - that it decodes
-   * @param {number} preset - number of the preset in presets.json
-   * @param {Remote<Decoding>} decoding - functions of the worker
-   */
-  constructor(layout, preset, decoding) {
-    this.layout = layout;
-    this.preset = preset;
-    this.decoding = decoding;
-  }
-
-  /** Load the graph, unless it is there. */
-  async load() {
-    await this.decoding.load(this.preset);
-  }
-
-  /**
-   * Decode one frame pair.
-   *
-   * @param {Plane} original - rectified: the displayed picture fills it
-   * @param {Plane} embedded - of the size of `original`
-   * @returns {Promise<{ scores: Float32Array }>} (nBits,) scores
-   */
-  async decode(original, embedded) {
-    return { scores: await this.decoding.decode(this.preset, original, embedded) };
-  }
 }
 
 /**

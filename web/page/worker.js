@@ -17,7 +17,7 @@ import { warmUp } from "../port/receiver/warm.js";
 import { inTurn } from "./inTurn.js";
 import { planeOfFrame, planeOfRgba } from "./planes.js";
 import { MAX_RECORDED_BYTES, recordingFile } from "./recording.js";
-import { RemoteDecoder, remoteFilm, startDecoding } from "./remoteDecoder.js";
+import { remoteFilm, startDecoding } from "./remoteDecoder.js";
 import { addressOf, load } from "./site.js";
 
 /** @import { WindowDecoder } from "../port/export/filmGraph.js" */
@@ -31,8 +31,6 @@ const WARM_MS = 800;
 
 /** Name of the preset, by its layout. @type {Map<Layout, string>} */
 const presets = new Map();
-/** @type {RemoteDecoder[]} */
-const decoders = [];
 /** Decodes windows of film, once it is loaded. @type {WindowDecoder} */
 let filmScorer;
 /** What is read to get ready; null before it is loaded. @type {WarmFilm | null} */
@@ -46,7 +44,7 @@ const film = {
   /** @type {Receiver | null} */
   receiver: null,
   inbox: new Inbox(null),
-  /** Scores of the frame pair that was read last. @type {Float64Array | null} */
+  /** Scores of the frame pair that was read last. @type {Float32Array | null} */
   scores: null,
 };
 
@@ -150,11 +148,7 @@ async function loadAll() {
     load("warm/states.bin").then(async (file) => new Uint8Array(await file.arrayBuffer())),
     load("opencv.wasm").then(loadOpenCv),
   ]);
-  for (const [number, { name, layout }] of table.entries()) {
-    const known = new Layout(layout);
-    presets.set(known, name);
-    decoders.push(new RemoteDecoder(known, number, decoding));
-  }
+  for (const { name, layout } of table) presets.set(new Layout(layout), name);
   const size = width * height;
   const states = [0, size].map((at) => ({ width, height, data: levels.subarray(at, at + size) }));
   warmFilm = { layout: new Layout(layout), states };
@@ -171,7 +165,7 @@ async function planeOf({ frame, rotation = 0, rgba }) {
 function start(fps, key, maxAgeS, isCamera) {
   film.fps = fps;
   film.scores = null;
-  film.receiver = new Receiver(decoders, filmScorer, fps, isCamera ? FRAME_MS : Infinity, isCamera);
+  film.receiver = new Receiver([...presets.keys()], filmScorer, fps, isCamera ? FRAME_MS : Infinity, isCamera);
   const isSame = key && judge.key && equalBytes(key, judge.key) && maxAgeS === judge.maxAgeS;
   if (!isSame) Object.assign(judge, { key, maxAgeS, verifier: key && new Verifier(key, maxAgeS) });
   film.inbox = new Inbox(judge.verifier);

@@ -133,11 +133,6 @@ PAGE double motionSums(const Plane &seen, const Plane &expected, double amplitud
   return power;
 }
 
-PAGE void slopes(const Plane &image, const Plane &across, const Plane &down) {
-  Sobel(image.mat(), across.mat(), CV_32F, 1, 0);
-  Sobel(image.mat(), down.mat(), CV_32F, 0, 1);
-}
-
 // Only the first pixels of each row and column are used.
 PAGE void resized(const Plane &from, int width, int height, const Plane &to) {
   Mat used = from.mat()(Rect(0, 0, width, height));
@@ -461,25 +456,6 @@ PAGE void bestSlopes(const Plane &along, const Plane &later, const Plane &powers
         which[i] = slope;
       }
     }
-  }
-}
-
-// The mean of images, one below the other, each weighed by a mesh that is interpolated; halves are
-// rounded up, and pixels of no weight are 0.
-PAGE void weightedMean(const Plane &images, const Plane &meshes, const Plane &to) {
-  Mat total = Mat::zeros(to.height, to.width, CV_32F), weights = total.clone(), weight, levels;
-  const int count = images.height / to.height, side = meshes.height / count;
-  for (int i = 0; i < count; i++) {
-    const Mat mesh = meshes.mat().rowRange(i * side, (i + 1) * side);
-    if (countNonZero(mesh) == 0) continue;
-    images.mat().rowRange(i * to.height, (i + 1) * to.height).convertTo(levels, CV_32F);
-    resize(mesh, weight, total.size(), 0, 0, INTER_LINEAR);
-    accumulateProduct(levels, weight, total);
-    weights += weight;
-  }
-  const float *sum = total.ptr<float>(), *all = weights.ptr<float>();
-  for (int i = 0; i < to.width * to.height; i++) {
-    static_cast<uchar *>(to.data)[i] = sum[i] / std::max(all[i], 1e-3f) + 0.5f;
   }
 }
 

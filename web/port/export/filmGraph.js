@@ -1,8 +1,15 @@
-/** The film decoder's ONNX graph, run by onnxruntime-web; one serves all layouts. */
+/**
+ * The film decoder's ONNX graph, run by onnxruntime-web: plain wasm, one thread. It serves all
+ * layouts.
+ *
+ * The graph comes with the page, so nothing here guards against a stranger's graph as
+ * export/film_graph.py does. Where onnxruntime's wasm files lie is set by the page (`ort.env.wasm`).
+ */
 
 import * as ort from "onnxruntime-web/wasm";
 import { SLOTS } from "../link/observation.js";
-import { openSession } from "./decoder.js";
+
+ort.env.wasm.numThreads = 1;
 
 /** @typedef {import("../link/observation.js").Mixture} Mixture */
 
@@ -39,7 +46,12 @@ export class FilmGraph {
 
   /** Load the graph; later calls wait for the same graph. */
   async load() {
-    await (this.#session ??= openSession(this.model));
+    this.#session ??= ort.InferenceSession.create(/** @type {string} */ (this.model), {
+      executionProviders: ["wasm"],
+      graphOptimizationLevel: "basic", // more takes longer to load, and runs no faster in wasm
+      logSeverityLevel: 3, // no warnings, which browsers show as errors
+    });
+    await this.#session;
   }
 
   /** Load the graph and run it once, for a window in which nothing is seen. */

@@ -5,7 +5,7 @@ import { MAX_STATES } from "./timing/fit.js";
 import { MIN_FRAMES, MIN_TOGGLE } from "./timing/synchronise.js";
 
 export const {
-  DARK, BRIGHT, CLIPPED, NOISE_STRENGTH, TOO_FAST, MIXED, LONG, CUT, OFTEN, PRESET_HZ, LEAST_FPS,
+  DARK, BRIGHT, CLIPPED, NOISE_STRENGTH, TOO_FAST, LONG, CUT, OFTEN, PRESET_HZ, LEAST_FPS,
   PRESET_FPS, WORDS,
 } = receiverDiagnosis;
 
@@ -26,7 +26,6 @@ export const {
  * @property {number | null} stateHz - states a second by the clock found last, or null
  * @property {number} exposed - length of an exposure by that clock, in states of the display
  * @property {number} decoded - number of frame pairs decoded
- * @property {number} mixed - share of the blocks' scores that exposures over two states have cost
  * @property {number} progress - information received, as a share of what is needed
  * @property {number} [refused] - number of messages that were refused
  * @property {string[]} [presets] - names of those that are looked for, or of the one alone that was
@@ -121,7 +120,7 @@ function reasons(seen) {
     if (slow.length || isCoded || stateHz === null || stateHz <= TOO_FAST * seen.fps) {
       return [...parts, "pairs", ...(slow.length ? slow : ["too little"])];
     }
-    return [...parts, "pairs", seen.mixed > MIXED ? "too fast" : "many states"];
+    return [...parts, "pairs", "many states"];
   }
   if (slow.length) return [...parts, ...slow];
   if (stateHz !== null) return [...parts, "no pair"];

@@ -2,9 +2,9 @@
  * From camera frames to the message: find the display, follow it, and read it.
  *
  * `Receiver.push` takes one camera frame through all stages. What the display shows need not be
- * known beforehand: the receiver looks for the layouts of all its decoders, and goes on with the
- * one that it finds (reader.js). Frames are gray. All layouts have pilots: displays with ratex
- * patches, and two single images, are read by Python's receiver alone.
+ * known beforehand: the receiver looks for several layouts, and goes on with the one that it finds
+ * (reader.js). Frames are gray. All layouts have pilots: displays with ratex patches, and two single
+ * images, are read by Python's receiver alone.
  */
 
 import { images, receiverTrackingJudge } from "../../generated/constants.js";
@@ -15,7 +15,6 @@ import { Sight, StageTimes } from "./sight.js";
 import { PilotTracker } from "./tracking/pilots.js";
 
 /** @typedef {import("../export/filmGraph.js").WindowDecoder} WindowDecoder */
-/** @typedef {import("./reading/pairs.js").PairDecoder} PairDecoder */
 /** @typedef {import("./reading/reader.js").Reading} Reading */
 /** @typedef {import("./tracking/pilots.js").Tracked} Tracked */
 
@@ -48,18 +47,16 @@ export class Receiver {
   #toggled = 0;
 
   /**
-   * @param {PairDecoder[]} decoders - one for each layout that is looked for; they read pictures
-   *   that move
-   * @param {WindowDecoder} film - reads windows of film where the picture stands still in them
+   * @param {Layout[]} layouts - that are looked for
+   * @param {WindowDecoder} film - decodes windows of film
    * @param {number} [fps] - nominal number of frames of the camera in a second
    * @param {number} [frameMs] - time, in milliseconds, after which a search begins no step with a
    *   frame, for a camera that does not wait
    * @param {boolean} [mayRest] - whether frames may be passed over where no display has been seen for
    *   long (`Rests`)
    */
-  constructor(decoders, film, fps = 30, frameMs = Infinity, mayRest = false) {
-    if (decoders.length === 0) throw new Error("decoders: need at least one");
-    const layouts = decoders.map(({ layout }) => layout);
+  constructor(layouts, film, fps = 30, frameMs = Infinity, mayRest = false) {
+    if (layouts.length === 0) throw new Error("layouts: need at least one");
     /** Time spent in each stage so far. */
     this.timing = new StageTimes();
     /** Number of frames in which the display was found. */
@@ -69,8 +66,8 @@ export class Receiver {
     this.#fps = fps;
     this.#rests = mayRest ? new Rests() : null;
     this.#tracker = new PilotTracker(layouts, fps, frameMs);
-    const readers = decoders.map(
-      (decoder) => new DisplayReader(decoder, fps, this.timing, this.#sight, film),
+    const readers = layouts.map(
+      (layout) => new DisplayReader(layout, film, fps, this.timing, this.#sight),
     );
     this.#readers = new Map(readers.map((reader) => [reader.layout, reader]));
     this.#reader = readers[0];
@@ -122,7 +119,6 @@ export class Receiver {
       stateHz: sight.stateHz,
       exposed: sight.exposed,
       decoded: this.decoded,
-      mixed: sight.mixed / Math.max(this.decoded, 1),
       progress: this.progress,
     };
   }
@@ -178,7 +174,7 @@ export class Receiver {
     if (tracked === null || (isFollowed && !isInVain)) return tracked;
     this.#toggled = this.decoded;
     const reader = this.#readers.get(this.#tracker.layout);
-    if (reader === undefined) throw new Error("a tracker found a layout that has no decoder");
+    if (reader === undefined) throw new Error("a tracker found a layout that was not looked for");
     if (reader !== this.#reader || isInVain) {
       this.#reader = reader;
       reader.restart();

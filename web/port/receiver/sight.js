@@ -40,8 +40,6 @@ export class Sight {
     this.first = 0;
     /** Time of the last frame with the display, seconds. */
     this.last = 0;
-    /** Sum over frame pairs of the share of the blocks' trust that mixed exposures cost. */
-    this.mixed = 0;
     /** States a second by the clock that was known last, or null. @type {number | null} */
     this.stateHz = null;
     /** Length of an exposure by that clock, in states. */

@@ -33,8 +33,7 @@ const NOISE = 3;
  */
 export async function warmUp({ layout, states }, mostMs = Infinity) {
   const end = performance.now() + mostMs;
-  const unused = { layout, decode: async () => ({ scores: new Float32Array(layout.nBits) }) };
-  const receiver = new Receiver([unused], { decode: guesses }, WARM_FPS);
+  const receiver = new Receiver([layout], { decode: guesses }, WARM_FPS);
   for (let state = 0; state < FRAMES && receiver.decoded < DECODED; state++) {
     if (performance.now() >= end) break;
     const [, embedded] = layout.code.statesOf(state >> 1);

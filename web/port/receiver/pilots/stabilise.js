@@ -11,7 +11,7 @@ import { contourArea, transform } from "../../link/geometry.js";
 import { inverse, multiply3 } from "../../link/linear.js";
 
 export const {
-  WIDTH, POINTS, MIN_POINTS, CLEAR, FAINT, ROOM_POINTS, APART_PX, FLOW_PX, FLOW_ENDS, SAME_PX,
+  WIDTH, POINTS, MIN_POINTS, CLEAR, FAINT, APART_PX, FLOW_PX, FLOW_ENDS, SAME_PX,
   PARTS, AGREEING, SPREAD, TRIES, TRIES_WITHIN,
 } = receiverPilotsStabilise;
 
@@ -53,8 +53,7 @@ export class Tracks {
  * Follows the camera's motion since a reference frame, by optical flow and one homography.
  *
  * Most points move with the camera. But if a display shows a video, its picture moves as well, and
- * may have more points than the room. Then points around the picture are followed, or, as long as
- * nobody knows where it is, those points count that lie farther apart.
+ * may have more points than the room. Then those points count that lie farther apart.
  */
 export class Stabiliser {
   /** Width and height of the frames. */
@@ -67,8 +66,6 @@ export class Stabiliser {
   /** The frame that was followed last, and its copy. @type {[BytePlane, BytePlane] | null} */
   #last = null;
   #farApart;
-  /** Share of the reference's points that moved as one in the last frame, in [0, 1]. */
-  share = 0;
   /**
    * Points found again in the last frame; null where pictures in it may move.
    *
@@ -80,10 +77,8 @@ export class Stabiliser {
    * @param {BytePlane} gray - the reference frame
    * @param {boolean} [farApart] - whether, of two motions, that of the points counts which lie
    *   farther apart, and not that of the most points
-   * @param {Point[] | null} [picture] - corners of a picture that moves by itself; points around it
-   *   are followed, if there are `ROOM_POINTS`; else `farApart` holds
    */
-  constructor(gray, farApart = false, picture = null) {
+  constructor(gray, farApart = false) {
     const { width, height } = gray;
     const reference = this.#copyOf(gray);
     /** Copy of the reference. */
@@ -92,11 +87,8 @@ export class Stabiliser {
     const x = width / reference.width;
     const y = height / reference.height;
     this.#HImageFromCopy = [x, 0, (x - 1) / 2, 0, y, (y - 1) / 2, 0, 0, 1];
-    const mask = picture && aroundQuad(this.onCopy(picture), reference.width, reference.height);
-    const room = mask ? clearPoints(reference, 1, CLEAR, mask) : new Float32Array(0);
-    const isSeen = room.length >= 2 * ROOM_POINTS;
-    this.#farApart = farApart && !isSeen;
-    this.#points = isSeen ? room : clearPoints(reference, PARTS, farApart ? FAINT : CLEAR);
+    this.#farApart = farApart;
+    this.#points = clearPoints(reference, farApart ? FAINT : CLEAR);
     this.#guess = this.#points.slice();
   }
 
@@ -114,8 +106,7 @@ export class Stabiliser {
     const { before, after } = foundAgain(this.reference, small, this.#points, this.#guess);
     const motions = motionsOf(before, after, this.#farApart ? 2 : 1, SAME_PX);
     if (motions.length === 0) return null;
-    const { H, count } = motions.reduce((best, each) => (each.area > best.area ? each : best));
-    this.share = (2 * count) / this.#points.length;
+    const { H } = motions.reduce((best, each) => (each.area > best.area ? each : best));
     this.#guess = Float32Array.from(transform(H, pointsOf(this.#points)).flat());
     const grow = this.#HImageFromCopy;
     this.tracks = this.#farApart ? null : tracksOf(before, after, grow);
@@ -187,40 +178,20 @@ function tracksOf(before, after, HImageFromCopy) {
 }
 
 /**
- * Mark by 255 the pixels that lie `APART_PX` or more outside of a convex quadrilateral.
- *
- * @param {Point[]} quad - clockwise
- * @param {number} width
- * @param {number} height
- */
-function aroundQuad(quad, width, height) {
-  const lines = linesOf(quad);
-  const data = new Uint8Array(width * height);
-  for (let y = 0, at = 0; y < height; y++) {
-    for (let x = 0; x < width; x++, at++) {
-      if (outside(lines, x, y) >= APART_PX) data[at] = 255;
-    }
-  }
-  return { width, height, data };
-}
-
-/**
  * Choose the clearest points of an image, but only so many in each of its parts.
  *
  * @param {BytePlane} plane
- * @param {number} parts - number of parts along each axis
  * @param {number} least - smallest share of how clear the clearest point is
- * @param {BytePlane | null} [mask] - 0 where no points are taken; null to take them anywhere
  * @returns {Float32Array<ArrayBuffer>} x and y in turn
  */
-function clearPoints(plane, parts, least, mask = null) {
-  const points = chooseFeatures(plane, MOST_POINTS, least, APART_PX, mask);
-  const room = new Array(parts ** 2).fill(Math.floor(POINTS / parts ** 2));
+function clearPoints(plane, least) {
+  const points = chooseFeatures(plane, MOST_POINTS, least, APART_PX);
+  const room = new Array(PARTS ** 2).fill(Math.floor(POINTS / PARTS ** 2));
   // the clearest comes first
   return chosen(points, (i) => {
-    const col = Math.floor((parts * points[2 * i]) / plane.width);
-    const row = Math.floor((parts * points[2 * i + 1]) / plane.height);
-    return room[row * parts + col]-- > 0;
+    const col = Math.floor((PARTS * points[2 * i]) / plane.width);
+    const row = Math.floor((PARTS * points[2 * i + 1]) / plane.height);
+    return room[row * PARTS + col]-- > 0;
   });
 }
 

@@ -1,26 +1,27 @@
 /**
  * Say where the display lies in its rectified image, as its decoded blocks tell.
  *
- * Once a frame pair is decoded, the change of many blocks is known, and so where the grid must lie
- * for the change that was seen. Each frame pair tells little where the message is faint, so they
- * add up: the eight numbers of a homography are followed by a Kalman filter, whose measurement is
- * the change of every pixel, linear in small motions of what should be there (Lucas & Kanade 1981).
+ * Once frame pairs are decoded, it is known how each block changed from frame to frame, and so where
+ * the grid must lie for the changes that were seen. Each frame tells little where the message is
+ * faint, so they add up: the eight numbers of a homography are followed by a Kalman filter, whose
+ * measurement is the change of every pixel, linear in small motions of what should be there (Lucas &
+ * Kanade 1981). A picture that moves changes, too; where it does, pixels weigh less.
  */
 
 import { receiverTrackingCorners } from "../../../generated/constants.js";
+import { lessMeanAround } from "../../image/blur.js";
 import { resizeArea } from "../../image/shrink.js";
-import { slopesOf } from "../../image/slopes.js";
 import { transform } from "../../link/geometry.js";
 import { identity, inverse, multiply3, solve } from "../../link/linear.js";
-import { expectedChanges } from "../../link/pilots.js";
 import {
   GridMaps, MotionEquations, NUMBERS, UNIT_CORNERS, mapSize, pixelsFromUnit, unitHomography,
-  withoutSlope,
+  slopeSpan, withoutSlope,
 } from "../pilots/motion.js";
 
-const { FIRST_BLOCKS, KEPT, SPAN, STEEP, LEAST_TOGGLING, FAR_BLOCKS } = receiverTrackingCorners;
+const { FIRST_BLOCKS, KEPT, SPAN, LEAST_VARIANCE, LEAST_TOGGLING, FAR_BLOCKS } =
+  receiverTrackingCorners;
 
-/** Compares decoded frame pairs with what was seen. */
+/** Compares the changes of decoded blocks with what was seen. */
 export class CornerShift {
   /** Sum (8,) of all moves so far, numbers of a homography of a display from -1 to 1. */
   total = new Float64Array(NUMBERS);
@@ -29,7 +30,7 @@ export class CornerShift {
   #maps;
   #information;
 
-  /** @param {Layout} layout - of the display; without pilots it is never moved */
+  /** @param {Layout} layout - of the display, with pilots */
   constructor(layout) {
     this.layout = layout;
     this.#maps = new GridMaps(layout, mapSize(layout));
@@ -38,53 +39,27 @@ export class CornerShift {
   }
 
   /**
-   * Take a frame pair and its scores.
+   * Take successive frames and the changes of their blocks.
    *
-   * @param {BytePlane} original - rectified
-   * @param {BytePlane} embedded - rectified, of the size of `original`
-   * @param {ArrayLike<number>} scores - (nBits,) log-likelihood ratios
-   * @param {Float64Array} total - (8,) value of `total` when the frames were rectified; what they
+   * @param {BytePlane[]} images - two or more, rectified; each of them but the first is compared with
+   *   the mean of the one before and the one after it, or with one if that is all
+   * @param {Float32Array[]} expected - (rows cols,) by how much each image should show each block
+   *   changed, in shares of the message's strength
+   * @param {Float64Array[]} totals - (8,) value of `total` when each image was rectified; what they
    *   show to be amiss may have been put right since
    */
-  take(original, embedded, scores, total) {
+  take(images, expected, totals) {
     const { layout } = this;
-    const { block, size } = this.#maps;
-    const [width, height] = size;
-    if (layout.pilotBlocks.length === 0) return;
-    const [first, second] = [original, embedded].map(
-      (image) => resizeArea(image, width, height).data,
-    );
-    const expected = this.#expected(scores);
-    const pixels = width * height;
-    const difference = new Float32Array(pixels);
-    const mean = new Float32Array(pixels);
-    for (let at = 0; at < pixels; at++) {
-      difference[at] = second[at] - first[at];
-      mean[at] = (first[at] + second[at]) / 2;
-    }
-    const change = withoutSlope({ width, height, data: difference }, block);
-    const weight = evenness({ width, height, data: mean });
-    let [power, along, all] = [0, 0, 0];
-    for (let at = 0; at < pixels; at++) {
-      const share = weight.data[at] * expected.data[at];
-      power += share * expected.data[at];
-      along += share * change.data[at];
-      all += weight.data[at];
-    }
-    const amplitude = along / Math.max(power, 1e-9);
-    const equations = new MotionEquations(this.#maps);
-    equations.take(change, expected, amplitude, weight);
-    // noise is alike over a block, which so counts once
-    const variance = (equations.power / all) * block[0] * block[1];
-    if (amplitude ** 2 * power < LEAST_TOGGLING ** 2 * variance || power === 0) return;
-    const { matrix, right } = equations.normal();
-    const sure = 1 / Math.max(variance, 1e-6);
-    const asked = right.map((value) => sure * value);
+    const { seen, right } = this.#equations(images, expected);
+    if (!seen.some(Boolean)) return;
+    const later = totals.slice(1);
+    const before = this.total.map((_, j) => later.reduce((sum, total) => sum + total[j], 0));
+    const asked = right.slice();
     for (let i = 0; i < NUMBERS; i++) {
       for (let j = 0; j < NUMBERS; j++) {
         const at = i * NUMBERS + j;
-        this.#information[at] = KEPT * this.#information[at] + sure * matrix[at];
-        asked[i] += sure * matrix[at] * (this.total[j] - total[j]);
+        this.#information[at] = KEPT * this.#information[at] + seen[at];
+        asked[i] += seen[at] * (this.total[j] - before[j] / later.length);
       }
     }
     const move = solve(this.#information, asked).map((value) => -value);
@@ -113,27 +88,67 @@ export class CornerShift {
   }
 
   /**
-   * Draw the expected change of every block, from -1 to 1, smooth and without slope.
+   * Write the normal equations of the eight numbers.
    *
-   * @param {ArrayLike<number>} scores - (nBits,) log-likelihood ratios
+   * @param {BytePlane[]} images
+   * @param {Float32Array[]} expected
+   * @returns {{ seen: Float64Array, right: Float64Array }} (8, 8) and (8,), 0 without evidence
    */
-  #expected(scores) {
-    const blocks = expectedChanges(this.layout);
-    this.layout.messageBlocks.forEach((block, bit) => {
-      blocks[block] = Math.tanh(Math.min(Math.max(scores[bit], -20), 20) / 2);
+  #equations(images, expected) {
+    const [width, height] = this.#maps.size;
+    const block = this.#maps.block[0] * this.#maps.block[1];
+    const grays = images.map((image) => resizeArea(image, width, height).data);
+    const own = fromNeighbours(expected).map((blocks) => this.#maps.drawn(blocks, SPAN));
+    const frames = fromNeighbours(grays).map((data, at) => {
+      const change = withoutSlope({ width, height, data }, this.#maps.block);
+      return { own: own[at], change, weight: this.#weights(change) };
     });
-    return this.#maps.drawn(blocks, SPAN);
+    let [power, along] = [0, 0];
+    for (const { own, change, weight } of frames) {
+      for (let at = 0; at < weight.data.length; at++) {
+        const share = weight.data[at] * own.data[at];
+        power += share * own.data[at];
+        along += share * change.data[at];
+      }
+    }
+    const amplitude = along / Math.max(power, 1e-9);
+    const equations = new MotionEquations(this.#maps);
+    // noise is alike over a block, which so counts once
+    if (amplitude ** 2 * power >= LEAST_TOGGLING ** 2 * block && power !== 0) {
+      for (const { own, change, weight } of frames) equations.take(change, own, amplitude, weight);
+    }
+    const { matrix, right } = equations.normal();
+    return {
+      seen: matrix.map((value) => value / block),
+      right: right.map((value) => value / block),
+    };
+  }
+
+  /**
+   * Weigh pixels by the changes around them.
+   *
+   * @param {FloatPlane} change
+   * @returns {FloatPlane}
+   */
+  #weights(change) {
+    const squared = { ...change, data: change.data.map((level) => level * level) };
+    const apart = lessMeanAround(squared, ...slopeSpan(this.#maps.block)).data;
+    const variance = squared.data.map((square, at) => square - apart[at]);
+    const mean = variance.reduce((sum, value) => sum + value, 0) / variance.length;
+    const least = LEAST_VARIANCE * mean + 1e-6;
+    return { ...change, data: variance.map((value) => 1 / (value + least)) };
   }
 }
 
 /**
- * Give pixels a weight that falls with the gradient of the picture.
+ * Take from each frame but the first the mean of the frames before and after it.
  *
- * @param {FloatPlane} image
- * @returns {FloatPlane} in (0, 1]
+ * @param {ArrayLike<number>[]} frames
+ * @returns {Float32Array[]}
  */
-function evenness(image) {
-  const { across, down } = slopesOf(image);
-  const unit = (8 * STEEP) ** 2;
-  return { ...image, data: across.map((slope, at) => 1 / (1 + (slope ** 2 + down[at] ** 2) / unit)) };
+function fromNeighbours(frames) {
+  return frames.slice(1).map((frame, before) => {
+    const after = frames[before + 2] ?? frames[before];
+    return Float32Array.from(frame, (level, at) => level - (frames[before][at] + after[at]) / 2);
+  });
 }
