@@ -50,7 +50,6 @@ STEPS |= {
     f"rates_{name}": f"lab rates {flags} --keep"
     for name, flags in {
         "fast": "--settings fast --views 0 --runs 6",
-        "slanted": "--settings slanted --views 45 --runs 2",
         "hidden": "--settings hidden --runs 2",
         "code": '--settings "hidden, 30 fps" "hidden, 60 fps" hidden --n-bytes 100',
         "first": "--settings robust fast paper --n-bytes 100 --runs 2",
@@ -58,8 +57,6 @@ STEPS |= {
         'of 72 Hz" "hidden, 50 fps of 60 Hz" "hidden, 59.94 fps of 75 Hz" "hidden, 30 fps, 33 ms" '
         '"hidden, 30 fps, 4 ms" --views 0 --n-bytes 100',
         "others": "--settings robust paper --runs 2",
-        "faint": "--settings faint",
-        "slow": '--settings "slow camera" --runs 2',
     }.items()
 }
 

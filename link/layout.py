@@ -26,7 +26,7 @@ MODULATIONS = {"on_off": (0, 1), "antipodal": (-1, 1)}
 block whose bit is 0 and of one whose bit is 1. The paper's is "on_off"."""
 LEAST_PILOTS, MOST_PILOT_SHARE = 32, 0.25
 """Smallest number of pilots that "auto" takes, and the share of a small grid's blocks that it does
-not exceed for that; docs/hidden.md measures how many a fit needs."""
+not exceed for that; docs/answered.md says how many a fit needs."""
 PILOT_SHARE = 0.05
 """Share of the blocks that "auto" makes pilots on grids of more than 20 times `LEAST_PILOTS`."""
 CODED_PILOT_SHARE = 0.1

@@ -135,7 +135,7 @@ PRESETS = {
         purpose="To reach every camera: far or slanted, slow or compressed; it is seen.",
     ),
 }
-"""Presets by name; docs/hidden.md says why they have these numbers."""
+"""Presets by name; docs/hidden.md says what each is for."""
 
 
 def preset_name(layout: Layout) -> str | None:

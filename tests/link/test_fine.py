@@ -322,7 +322,7 @@ def test_words_of_which_little_can_be_read_are_summed_up_over_frames() -> None:
         count, message = next((count, got) for count, got in messages if got is not None)
         assert message.data == data
         needed.append(count - 19)
-    assert (min(needed), np.median(needed), max(needed)) == (11, 12, 23)  # as docs/framing.md says
+    assert (min(needed), np.median(needed), max(needed)) == (11, 12, 23)  # as docs/formats.md says
 
 
 @pytest.mark.parametrize("announced", [True, False])
