@@ -8,11 +8,11 @@ from pilot_films import CORNERS, FINE, texture
 from port import Port, same
 from tolerances import CORNERS_PX, FLOAT64, FOLLOWED_PX, PROFILE_LEVELS, SAME_PX
 
-from link.geometry import homography_from_corners, transform
+from link.geometry import frame_corners, homography_from_corners, transform
 from link.types import Array, Floats, Image
 from receiver.pilots.outline import Border, Outline, border_profiles
+from receiver.pilots.search.bars import without_bars
 from receiver.pilots.search.film import APART, VOTES, HeldFrame, MovingOutline, Surrounded
-from receiver.pilots.search.proposals import flat_sides
 from receiver.tracking.follow import Follower
 
 OUTLINE_JS, FILM_JS = "receiver/pilots/outline.js", "receiver/pilots/search/film.js"
@@ -133,13 +133,21 @@ def test_followers_notice_that_pictures_move(pan: float, port: Port) -> None:
     assert np.abs(step[0] - corners[-1]).max() < FOLLOWED_PX
 
 
-def test_sides_along_which_nothing_is_seen_are_counted(port: Port) -> None:
+def test_the_picture_is_found_within_bars(port: Port) -> None:
+    """Between bars above and below; a picture without bars, and a panel without a picture."""
     images, _ = moving_film(0.0)
-    letterboxed = images[0].copy()
-    letterboxed[:130], letterboxed[300:] = 16, 16
-    flat = port("receiver/pilots/search/proposals.js").flatSides
-    counts = []
+    letterboxed, (width, height) = images[0].copy(), (FINE.width, FINE.height)
+    H = homography_from_corners(CORNERS, width, height)
+    inner = transform(H, frame_corners(width, height / 2) + [0, height / 4])
+    for bar in ([*CORNERS[:2], *inner[1::-1]], [*inner[:1:-1], *CORNERS[2:]]):
+        cv2.fillConvexPoly(letterboxed, np.array(bar).round().astype(int), 16)
+    ported = port("receiver/pilots/search/bars.js").withoutBars
+    pictures = []
     for gray in (images[0], letterboxed, np.full_like(letterboxed, 16)):
-        counts.append(flat_sides(gray, CORNERS))
-        assert flat(gray, CORNERS.tolist()) == counts[-1]
-    assert counts == [0, 2, 4]
+        pictures.append(without_bars(gray, CORNERS))
+        found = ported(gray, CORNERS.tolist())
+        assert (found is None) == (pictures[-1] is None)
+        if found is not None:
+            same(found, pictures[-1], CORNERS_PX)
+    assert [picture is not None for picture in pictures] == [False, True, False]
+    assert np.abs(pictures[1] - inner).max() < 3

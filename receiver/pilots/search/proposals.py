@@ -16,7 +16,9 @@ from link.pilots import expected_changes, pilot_values, standing_out
 from link.steps import Steps
 from link.types import Array, Corners, Gray
 from receiver.locate.candidates import display_candidates, leaving_quads
+from receiver.locate.quads import distinct
 from receiver.pilots.motion import moved_corners
+from receiver.pilots.search.bars import without_bars
 from receiver.pilots.search.film import HeldFrame, positions
 from receiver.pilots.search.parts import COARSE_SIZE, coarse_shift, rough_series, shifted_togglings
 from receiver.pilots.search.watch import Watch
@@ -25,14 +27,9 @@ from receiver.pilots.toggling import TogglePattern, Wave, find_toggling
 CANDIDATES = 6
 """Number of quadrilaterals that are made of the edges of an image. It bounds the work; chosen by
 hand."""
-MORE_CANDIDATES, FILLED = 40, 8
-"""Number of quadrilaterals of edges of which those are weighed, too, along whose sides most is to
-be seen within, and how many: a picture with black bars has weaker edges than the bezel. They bound
-the work; chosen by hand."""
-SIDE_PX, STRIP_PX, FLAT = 48, 3, 3.0
-"""Side of a view, in pixels, in which a quadrilateral's sides are looked at, width of the strips
-within, and standard deviation, in gray levels, below which a strip counts as flat. Chosen by
-hand."""
+SAME_PLACE = 0.005
+"""Distance of corners, as a share of the image's longer side, below which two quadrilaterals are
+one: less than half a block of a display of a quarter of the image. Chosen by hand."""
 BRIGHT_PX, DARK_PX = 13, 9
 """Sides of the squares, in pixels of the map of what toggles, below which bright details of the
 picture are taken off before dark ones, and dark ones before bright ones: wider than strokes of
@@ -128,12 +125,15 @@ class Proposer:
     def edges(self) -> Steps[list[Array]]:
         """Propose quadrilaterals of edges, (4, 2) pixels of the reference, the strongest first."""
         reference = self._watch.reference
-        within = [candidate.corners for candidate in display_candidates(reference, MORE_CANDIDATES)]
+        strongest = [candidate.corners for candidate in display_candidates(reference, CANDIDATES)]
         yield 2  # it took as long as two other steps
-        strongest, gray = within[:CANDIDATES], as_gray(reference)
-        rest = sorted(within[CANDIDATES:], key=lambda quad: flat_sides(gray, quad))
+        gray = as_gray(reference)
+        found = [within for quad in strongest if (within := without_bars(gray, quad)) is not None]
+        pictures = np.reshape(found, (-1, 4, 2))  # (N, 4, 2), N may be 0
+        same_px = SAME_PLACE * max(gray.shape)
+        kept = distinct(pictures, -np.arange(len(found), dtype=float), CANDIDATES, same_px)
         yield 1
-        return [*strongest, *leaving_quads(reference, LEAVING), *rest[:FILLED]]
+        return [*strongest, *leaving_quads(reference, LEAVING), *pictures[kept]]
 
     def faint_edges(self) -> Iterator[list[Array]]:
         """Propose quadrilaterals in the mean of all frames, which has less noise than a frame.
@@ -251,15 +251,6 @@ class Proposer:
                 if turn or not plain:  # clocks take time of their own
                     yield 1
         return None if best is None else best[1]
-
-
-def flat_sides(gray: Gray, quad: Array) -> int:
-    """Count the sides of a quadrilateral, (4, 2) pixels, along which nothing is seen within."""
-    H = homography_from_corners(quad, SIDE_PX, SIDE_PX)
-    how, size = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, (SIDE_PX, SIDE_PX)
-    view = cv2.warpPerspective(gray, H, size, flags=how, borderMode=cv2.BORDER_REPLICATE)
-    strips = (np.rot90(view, turn)[1 : 1 + STRIP_PX, 2:-2] for turn in range(4))
-    return sum(float(strip.std()) < FLAT for strip in strips)
 
 
 def _pilots_in(view: Gray, layouts: Sequence[Layout]) -> list[NDArray[np.float32]]:

@@ -4,15 +4,13 @@ import {
   receiverPilotsSearchProposals, receiverPilotsSearchWatch,
 } from "../../../../generated/constants.js";
 import { equalised, withoutDetails } from "../../../image/levels.js";
-import { turned } from "../../../image/turned.js";
-import { warped } from "../../../image/warp.js";
 import { frameCorners, homographyFromCorners, transform } from "../../../link/geometry.js";
 import { candidateSteps, leavingSteps } from "../../locate/candidates.js";
-import { spreadOf } from "../../../link/order.js";
-import { rolled } from "../../locate/quads.js";
+import { distinct, rolled } from "../../locate/quads.js";
 import { movedCorners } from "../motion.js";
 import { expectedChanges, picked, pilotValues, standingOut } from "../../../link/pilots.js";
 import { Wave, findToggling } from "../toggling.js";
+import { withoutBars } from "./bars.js";
 import { COARSE_SIZE, coarseShift, roughSeries, shiftedTogglings } from "./parts.js";
 
 /** @typedef {import("../toggling.js").Toggling} Toggling */
@@ -22,7 +20,7 @@ import { COARSE_SIZE, coarseShift, roughSeries, shiftedTogglings } from "./parts
 export const { CANDIDATES, CLEAREST, STRONGEST, FRAME_SHARE, PROMISING } =
   receiverPilotsSearchProposals;
 const {
-  LEAVING, BRIGHT_PX, DARK_PX, STATES_HZ, MORE_CANDIDATES, FILLED, SIDE_PX, STRIP_PX, FLAT,
+  LEAVING, BRIGHT_PX, DARK_PX, STATES_HZ, SAME_PLACE,
 } = receiverPilotsSearchProposals;
 
 export const { NEXT_FRAME } = receiverPilotsSearchWatch;
@@ -32,8 +30,8 @@ export const GLANCE_WORK = 10;
 /** Units of work of the power at one frequency, and of an outline. */
 const POWER_WORK = 10;
 const OUTLINE_WORK = 40;
-/** Units of work of looking along the sides of quadrilaterals of edges. */
-const SIDES_WORK = 5;
+/** Units of work of looking for bars within quadrilaterals of edges. */
+const BARS_WORK = 5;
 /** Units of work of a layout's fit, and of rough maps. */
 const FIT_WORK = 4;
 const ROUGH_WORK = 2;
@@ -125,13 +123,14 @@ export class Proposer {
    */
   *edges() {
     const { reference } = this.#watch;
-    const within = yield* candidateSteps(reference, MORE_CANDIDATES);
+    const strongest = yield* candidateSteps(reference, CANDIDATES);
     const leaving = yield* leavingSteps(reference, LEAVING);
-    const rest = within.slice(CANDIDATES).map((quad) => ({ quad, flat: flatSides(reference, quad) }));
-    rest.sort((one, other) => one.flat - other.flat);
-    yield SIDES_WORK;
-    const filled = rest.slice(0, FILLED).map(({ quad }) => quad);
-    return [...within.slice(0, CANDIDATES), ...leaving, ...filled];
+    const found = strongest.map((quad) => withoutBars(reference, quad));
+    const pictures = found.filter((quad) => quad !== null);
+    const samePx = SAME_PLACE * Math.max(reference.width, reference.height);
+    const kept = distinct(pictures, pictures.map((_, at) => -at), CANDIDATES, samePx);
+    yield BARS_WORK;
+    return [...strongest, ...leaving, ...kept.map((at) => pictures[at])];
   }
 
   /**
@@ -278,23 +277,6 @@ export class Proposer {
     }
     return best;
   }
-}
-
-/**
- * Count the sides of a quadrilateral along which nothing is seen within.
- *
- * @param {BytePlane} gray
- * @param {Point[]} quad - pixels of it
- */
-export function flatSides(gray, quad) {
-  const view = warped(gray, homographyFromCorners(quad, SIDE_PX, SIDE_PX), SIDE_PX, SIDE_PX);
-  const sides = [0, 90, 180, 270].map((degrees) => turned(view, degrees).data);
-  return sides.filter((data) => {
-    const strip = Array.from({ length: STRIP_PX }, (_, at) => {
-      return [...data.subarray((at + 1) * SIDE_PX + 2, (at + 2) * SIDE_PX - 2)];
-    });
-    return spreadOf(strip.flat())[1] < FLAT;
-  }).length;
 }
 
 /**
