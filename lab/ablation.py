@@ -25,8 +25,8 @@ from reports.render.reliability import calibration_table, reliability_figure
 from reports.render.tables import Table
 from reports.score.reliability import ALL, reliability_curves
 
-FIRST = ("kappa1", "drift")
-"""Conditions of the small picture: a faint bit seen from the side, and an exposure that drifts."""
+FIRST = "kappa1"
+"""Condition of the small picture: a faint bit, seen from the side."""
 
 
 @dataclass(frozen=True)
@@ -102,10 +102,10 @@ def ablation_blocks(results: Mapping[str, Results[Ablation]]) -> dict[str, str]:
 def ablation_pictures(results: Mapping[str, Results[Ablation]]) -> dict[str, Figure]:
     """Draw the paired differences, and the diagram of reliability where it was measured.
 
-    The picture "ablation_first.png" has the conditions of `FIRST` alone, for narrow pages.
+    The picture "ablation_first.png" has the condition `FIRST` alone, for narrow pages.
     """
     ablation = (results.get("ablation") or next(iter(results.values()))).content
-    first = [entry for entry in ablation.entries if entry.condition in FIRST]
+    first = [entry for entry in ablation.entries if entry.condition == FIRST]
     pictures = {"ablation.png": ablation_figure(ablation)}
     if first:
         pictures["ablation_first.png"] = ablation_figure(replace(ablation, entries=first))

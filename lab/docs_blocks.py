@@ -20,7 +20,7 @@ HARDER = {
     "jpeg": "JPEG 70",
 }
 """Conditions beyond the paper, by their names in the ablation, and what the table calls them."""
-DECODER_ROWS = {"oorc": "oorc", "full": "learned, untrained", "learned": "learned"}
+DECODER_ROWS = {"oorc": "oorc", "learned": "learned", "full": "untrained"}
 """Rows of the ablation that are decoders to use, and what the table calls them."""
 
 
@@ -38,15 +38,15 @@ def main_table(docs: Path) -> str:
 def harder_table(docs: Path) -> str:
     """Show wrong bits beyond the paper's conditions, with their intervals, from the ablation."""
     entries = by_place(stored(ABLATION, docs))
-    rows = []
+    rows: list[list[str | TableCell]] = []
     for key, words in HARDER.items():
         shown = [entries[row, key] for row in DECODER_ROWS]
         cells = [
             TableCell(percent(each.error), f"{100 * each.ci_low:.1f}–{100 * each.ci_high:.1f}")
             for each in shown
         ]
-        rows.append([words, f"{shown[0].bits:,}", *cells])
-    heads = ["bits wrong, % (95 % interval)", "bits", *DECODER_ROWS.values()]
+        rows.append([words, *cells, f"{shown[0].bits:,}"])
+    heads = ["bits wrong, % (95 % interval)", *DECODER_ROWS.values(), "of bits"]
     return Table(heads, rows).markdown()
 
 
