@@ -5,7 +5,7 @@ of the channel. All rows decode identical captures.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,9 @@ from reports.engine.conditions import SETTINGS, named_condition
 from reports.render.reliability import calibration_table, reliability_figure
 from reports.render.tables import Table
 from reports.score.reliability import ALL, reliability_curves
+
+FIRST = "kappa1"
+"""Condition of the small picture: a faint bit, seen from the side."""
 
 
 @dataclass(frozen=True)
@@ -90,16 +93,22 @@ def ablation_blocks(results: Mapping[str, Results[Ablation]]) -> dict[str, str]:
     ablation = shown.content
     frames = shown.meta["flags"]["frames"]
     tables = [f"## {table.markdown()}" for table in ablation_tables(ablation, frames)]
-    blocks = {"ablation": "\n\n".join([describe_study(shown.meta), *tables])}
+    blocks = {"ablation": describe_study(shown.meta), "parts": "\n\n".join(tables)}
     if ablation.curves:
         blocks["reliability"] = calibration_table(ablation.curves).markdown()
     return blocks
 
 
 def ablation_pictures(results: Mapping[str, Results[Ablation]]) -> dict[str, Figure]:
-    """Draw the paired differences, and the diagram of reliability where it was measured."""
+    """Draw the paired differences, and the diagram of reliability where it was measured.
+
+    The picture "ablation_first.png" has the condition `FIRST` alone, for narrow pages.
+    """
     ablation = (results.get("ablation") or next(iter(results.values()))).content
+    first = [entry for entry in ablation.entries if entry.condition == FIRST]
     pictures = {"ablation.png": ablation_figure(ablation)}
+    if first:
+        pictures["ablation_first.png"] = ablation_figure(replace(ablation, entries=first))
     if ablation.curves:
         names = [*dict.fromkeys(entry.condition for entry in ablation.entries), ALL]
         pictures["reliability.png"] = reliability_figure(ablation.curves, names)
@@ -113,18 +122,17 @@ def describe_study(meta: Mapping[str, Any]) -> str:
     rows = []
     for name in flags["conditions"]:
         setting = SETTINGS[name]
+        cells = len(flags["pairs"]) * len(setting.views) * len(setting.kappas)
         views = ", ".join(f"{view:g}°" for view in setting.views)
-        changed = ", ".join(f"{key} {value:g}" for key, value in setting.parameters) or "fitted"
-        rows.append([name, views, ", ".join(map(str, setting.kappas)), changed])
+        changed = ", ".join(f"`{key}={value:g}`" for key, value in setting.parameters) or "nothing"
+        kappas = ", ".join(map(str, setting.kappas))
+        rows.append([setting.words, name, views, kappas, changed, f"{cells * bits:,}"])
+    heads = ["condition", "its name", "views", "κ", "changed by `--set`", "bits"]
     return "\n\n".join(
         [
-            f"Simulated captures, test pictures and channel draws, seed {meta['seed']}; a cell is "
-            f"a pair, view and κ and has {flags['frames']} frame pairs, {bits:,} bits. Pairs: "
-            f"{', '.join(flags['pairs'])}. By `{meta['command']}`.",
-            "An entry is the error in per cent, and in brackets the difference in accuracy to the "
-            "reference on identical captures: points, positive is better, with the 95 % interval "
-            "of a paired bootstrap over frame pairs.",
-            Table(["condition", "views", "κ", "channel"], rows, left=4).markdown(),
+            f"Simulated captures of {len(flags['pairs'])} pairs, test pictures and channel draws, "
+            f"seed {meta['seed']}; {flags['frames']} frame pairs a cell. By `{meta['command']}`.",
+            Table(heads, rows, left=5).markdown(),
         ]
     )
 
@@ -135,7 +143,8 @@ STUDY = Study(
     content=Ablation,
     measure=measure_ablation,
     blocks=ablation_blocks,
-    page=Path("docs/ablation.md"),
+    page=Path("docs/results.md"),
+    printed_alone=frozenset({"parts"}),
     pictures=ablation_pictures,
     check=check_ablation,
     label=lambda flags: flags.label,

@@ -8,7 +8,7 @@ from typing import Any
 from lab.ablation import STUDY as ABLATION
 from lab.study import Results, Study, stored_results
 from reports.ablation.results import AblationEntry
-from reports.render.tables import Table, percent, share_interval, summary_table
+from reports.render.tables import Table, TableCell, percent, share_interval, summary_table
 from reports.score.accuracy import read_scores
 
 HARDER = {
@@ -20,7 +20,7 @@ HARDER = {
     "jpeg": "JPEG 70",
 }
 """Conditions beyond the paper, by their names in the ablation, and what the table calls them."""
-DECODER_ROWS = {"oorc": "oorc", "full": "learned, untrained", "learned": "learned"}
+DECODER_ROWS = {"oorc": "oorc", "learned": "learned", "full": "untrained"}
 """Rows of the ablation that are decoders to use, and what the table calls them."""
 
 
@@ -36,14 +36,18 @@ def main_table(docs: Path) -> str:
 
 
 def harder_table(docs: Path) -> str:
-    """Show wrong bits beyond the paper's conditions, from the ablation."""
+    """Show wrong bits beyond the paper's conditions, with their intervals, from the ablation."""
     entries = by_place(stored(ABLATION, docs))
-    rows = [
-        [name, *(percent(entries[row, key].error) for key in HARDER)]
-        for row, name in DECODER_ROWS.items()
-    ]
-    rows.append(["bits", *(f"{entries['oorc', key].bits:,}" for key in HARDER)])
-    return Table(["bits wrong, %", *HARDER.values()], rows).markdown()
+    rows: list[list[str | TableCell]] = []
+    for key, words in HARDER.items():
+        shown = [entries[row, key] for row in DECODER_ROWS]
+        cells = [
+            TableCell(percent(each.error), f"{100 * each.ci_low:.1f}–{100 * each.ci_high:.1f}")
+            for each in shown
+        ]
+        rows.append([words, *cells, f"{shown[0].bits:,}"])
+    heads = ["bits wrong, % (95 % interval)", *DECODER_ROWS.values(), "of bits"]
+    return Table(heads, rows).markdown()
 
 
 def against_oorc(docs: Path) -> str:
@@ -84,8 +88,8 @@ class Block:
 README, RESULTS = Path("README.md"), Path("docs/results.md")
 """Pages that hold more than one study's numbers."""
 BLOCKS = {
-    "table": Block(README, main_table),
+    "harder": Block(README, harder_table),
+    "table": Block(RESULTS, main_table),
     "measured": Block(RESULTS, against_oorc),
-    "harder": Block(RESULTS, harder_table),
 }
 """Blocks by the name in their markers; those of single studies are written with their results."""

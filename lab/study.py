@@ -142,6 +142,8 @@ class Study(Generic[F, R]):
     """Shows results, by their label, as Markdown: texts by the name of a page's marked block."""
     page: Path | None = None
     """Page of docs/ that has these blocks; None where no page shows them."""
+    printed_alone: frozenset[str] = frozenset()
+    """Names of the blocks that the command prints and the page leaves out."""
     pictures: Callable[[Mapping[str, Results[R]]], Mapping[str, Figure]] = lambda _: {}
     """Draws results, by their label: figures by the names of their files, which are PNG."""
     check: Callable[[F], None] = lambda _: None
@@ -247,4 +249,5 @@ def keep_blocks(study: Study[F, R]) -> None:
     """Write the tables and pictures of the results that docs/ holds into its page and folder."""
     texts = show_study(study, study.folder(DOCS), DOCS)
     if study.page is not None:
-        write_blocks(study.page, texts)
+        kept = {name: text for name, text in texts.items() if name not in study.printed_alone}
+        write_blocks(study.page, kept)

@@ -6,4 +6,4 @@ back. `frames`, `captures` and `geometry` define what passes from one stage to t
 `files`, `outside`, `errors` and `cli` are how all of them read, write, raise and take flags.
 """
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"

@@ -98,4 +98,4 @@ FULL = DecoderConfig(
     rows=True,
     space=True,
 )
-"""Configuration of the shipped decoder: every part that pays in docs/ablation.md."""
+"""Configuration of the shipped decoder: every part that pays in docs/results.md."""

@@ -8,6 +8,7 @@ from matplotlib.ticker import FixedLocator, NullLocator
 
 from reports.ablation.results import BLOCKS, Ablation, AblationEntry, CellBehind
 from reports.ablation.switches import WHOLE_DECODERS
+from reports.engine.conditions import SETTINGS
 from reports.render.charts import in_style
 from reports.render.tables import Table, TableCell, Tint, difference_interval, number, percent
 from reports.score.paired import MIN_FRAMES, Paired
@@ -61,10 +62,11 @@ def ablation_figure(ablation: Ablation, kind: str = "simulated captures") -> Fig
         for panel, condition in zip(line, conditions, strict=True):
             _draw_panel(panel, [by_place[row, condition].against[reference] for row in rows])
             base = by_place[reference, condition]
-            panel.set_title(f"{condition}\n{reference}: {100 * base.error:.2f} % wrong", fontsize=9)
+            words = SETTINGS[condition].words if condition in SETTINGS else condition
+            panel.set_title(f"{words}\n{reference}: {100 * base.error:.2f} % wrong", fontsize=9)
         line[0].set_yticks(range(len(rows)), rows, fontsize=9)
         line[0].set_ylim(len(rows) - 0.5, -0.5)
-        line[0].set_ylabel(f"less that of {reference}", fontsize=9)
+        line[0].set_ylabel(f"against {reference}", fontsize=9)
     label = f"difference in accuracy, points,\npaired 95 % interval ({kind})"
     figure.supxlabel(label, fontsize=9)
     figure.tight_layout()

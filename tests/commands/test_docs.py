@@ -1,6 +1,7 @@
 """The documents: links lead somewhere, commands exist, and code runs from the first block on."""
 
 import re
+import shutil
 import sys
 from pathlib import Path
 
@@ -9,15 +10,21 @@ import pytest
 from conftest import ROOT, run_process
 
 from lab.__main__ import STUDIES
-from link.images import write_image
+from link import __version__
+from link.images import read_image, write_image
 
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"\]\(((?!https?:)[^)\s]+)\)")
 COMMAND = re.compile(r"python -m ([a-z_][\w.]*\w)")
 HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+DIFF = re.compile(r"^```diff\n# (\S+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+PAGES = [
+    *(ROOT / f"{name}.md" for name in ("README", "CHANGELOG", "CONTRIBUTING")),
+    *sorted((ROOT / "docs").glob("*.md")),
+]
 SHOWN = {file: BLOCK.findall(file.read_text()) for file in sorted((ROOT / "docs").glob("*.md"))}
 del SHOWN[ROOT / "docs" / "embed.md"]  # tests/web/test_package.py runs it without the checkout
+CITATION = (ROOT / "CITATION.cff").read_text("utf-8")
 TAG = "results-2026-11"
 """Tag of the commit that measured what the repository no longer measures."""
 FOREIGN = ("venv", "pip", "http.server")
@@ -41,7 +48,7 @@ def test_every_link_of_a_page_leads_to_a_file_and_a_heading(page: Path) -> None:
         assert not anchor or anchor in anchors(file), link
 
 
-@pytest.mark.parametrize("page", [*PAGES, ROOT / "CONTRIBUTING.md"], ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_command_exists(page: Path) -> None:
     text = page.read_text("utf-8")
     missing = {name for name in COMMAND.findall(text) if not is_command(name)}
@@ -71,6 +78,42 @@ def test_the_code_of_a_document_runs(file: Path, tmp_path: Path) -> None:
     (tmp_path / "script.py").write_text("\n".join(SHOWN[file]))
     variables = {"PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg"}
     run_process(sys.executable, "script.py", cwd=tmp_path, **variables)
+
+
+def applied(diff: str, text: str) -> str:
+    """A text with the lines of a diff put in, which stand there once without them."""
+    lines = diff.splitlines(keepends=True)
+    before = "".join(line[1:] for line in lines if line[0] in " -")
+    after = "".join(line[1:] for line in lines if line[0] in " +")
+    assert text.count(before) == 1, before
+    return text.replace(before, after)
+
+
+@pytest.mark.slow
+def test_the_effect_that_the_docs_add_works(tmp_path: Path) -> None:
+    for folder in ("data_gen", "link"):
+        shutil.copytree(ROOT / folder, tmp_path / folder)
+    diffs = DIFF.findall((ROOT / "docs" / "extend.md").read_text())
+    assert len(diffs) == 3
+    for name, diff in diffs:
+        file = tmp_path / name
+        file.write_text(applied(diff, file.read_text()))
+    for name, flags in (("night", "--set warmth=0.4"), ("day", "--without night")):
+        run = f"--pair canon-lg --view 45 --kappa 3 --frames 1 {flags} --out {name}"
+        run_process(sys.executable, "-m", "data_gen", *run.split(), cwd=tmp_path)
+    night, day = (read_image(tmp_path / name / "00000_original.png") for name in ("night", "day"))
+    red, _, blue = np.mean(night, axis=(0, 1)) / np.mean(day, axis=(0, 1))
+    assert blue < 0.9 < red
+
+
+def test_version_and_date_are_the_same_everywhere() -> None:
+    """The wheel and the npm package take theirs from `link`, as `pyproject.toml` does."""
+    cited = dict(re.findall(r"^(version|date-released): (\S+)$", CITATION, re.MULTILINE))
+    released = re.search(r"^## (\S+) — (\S+)$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    assert released is not None
+    assert released.groups() == (__version__, cited["date-released"])
+    assert cited["version"] == __version__
+    assert f"version = {{{__version__}}}" in CITATION
 
 
 @pytest.mark.exhaustive  # those of the README are run in CI

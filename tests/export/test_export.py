@@ -179,7 +179,8 @@ def test_the_metadata_configures_the_runtime(
     metadata = onnx_decoder.metadata
     assert onnx_decoder.layout == layout
     assert metadata["format"] == FORMAT
-    assert metadata["version"] == __version__
+    if checkpoint != PRETRAINED:  # what ships says the version that exported it
+        assert metadata["version"] == __version__
     assert metadata["run"] == checkpoint.name
     assert json.loads(metadata["layout"]) == layout.to_dict()
     assert json.loads(metadata["decoder"]) == asdict(FULL)
