@@ -138,7 +138,7 @@ def test_the_picture_is_found_within_bars(port: Port) -> None:
     images, _ = moving_film(0.0)
     letterboxed, (width, height) = images[0].copy(), (FINE.width, FINE.height)
     H = homography_from_corners(CORNERS, width, height)
-    inner = transform(H, frame_corners(width, height / 2) + [0, height / 4])
+    inner = transform(H, frame_corners(width, height / 2) + np.array([0, height / 4]))
     for bar in ([*CORNERS[:2], *inner[1::-1]], [*inner[:1:-1], *CORNERS[2:]]):
         cv2.fillConvexPoly(letterboxed, np.array(bar).round().astype(int), 16)
     ported = port("receiver/pilots/search/bars.js").withoutBars
