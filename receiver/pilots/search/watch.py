@@ -6,7 +6,7 @@ import numpy as np
 
 from link.geometry import in_image, transform
 from link.images import as_gray
-from link.types import Array, Corners, Gray, Image
+from link.types import Array, Corners, Gray, Homography, Image
 from receiver.pilots.search.film import HeldFrame, MovingOutline, Surrounded, surroundings_of
 from receiver.pilots.search.toggle_map import ToggleMap
 from receiver.pilots.stabilise import Stabiliser, Tracks
@@ -95,16 +95,17 @@ class Watch:
         Returns:
             whether it does.
         """
-        H = self._stabiliser.follow(gray)
-        if H is None:
+        H, tracks = self._stabiliser.follow(gray), self._stabiliser.tracks
+        surrounded: tuple[Surrounded, ...] | None = None
+        if not self._shows_enough(H):  # a cut in the picture has taken the points along, or a pan
+            tracks, surrounded = None, self._surrounded(gray, None)
+            H = next((each.motion for each in surrounded), None)
+        if H is None or not self._shows_enough(H):
             return False
-        size = np.array(self.reference.shape[1::-1])
-        seen = in_image(transform(H, CHECKED * size - 0.5), self.reference.shape)
-        if float(seen.mean()) < IN_VIEW:
-            return False
+        if surrounded is None:
+            surrounded = self._surrounded(gray, tracks)
         at = position(time - self.first.time, self.fps)
-        tracks = self._stabiliser.tracks
-        frame = HeldFrame(gray, H, at, time, tracks, self._surrounded(gray, tracks))
+        frame = HeldFrame(gray, H, at, time, tracks, surrounded)
         for each in (frame,) if self._kept else (self.first, frame):  # now the film holds still
             self._kept.append(each)
             if len(self._kept) <= self.window:
@@ -113,6 +114,14 @@ class Watch:
         if len(self._kept) > self.window + max(self._held, self.confirming):
             del self._kept[self.window]
         return True
+
+    def _shows_enough(self, H_image_from_reference: Homography | None) -> bool:
+        """Tell whether a frame, held still so, shows enough of the reference."""
+        if H_image_from_reference is None:
+            return False
+        size = np.array(self.reference.shape[1::-1])
+        places = transform(H_image_from_reference, CHECKED * size - 0.5)
+        return float(in_image(places, self.reference.shape).mean()) >= IN_VIEW
 
     def surround(self, quads: Sequence[Corners]) -> None:
         """Follow quadrilaterals by what surrounds them, too, from the reference on.

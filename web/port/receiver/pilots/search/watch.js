@@ -77,22 +77,39 @@ export class Watch {
    * @returns {boolean} whether it does
    */
   take(gray, time) {
-    const H = this.#stabiliser.follow(gray);
-    if (H === null) return false;
-    const { width, height } = this.reference;
-    const places = CHECKED.map(
-      ([x, y]) => /** @type {Point} */ ([x * width - 0.5, y * height - 0.5]),
-    );
-    const inView = inImage(transform(H, places), width, height);
-    if (inView.filter(Boolean).length < IN_VIEW * places.length) return false;
+    let H = this.#stabiliser.follow(gray);
+    let { tracks } = this.#stabiliser;
+    let surrounded = null;
+    if (!this.#showsEnough(H)) {
+      // a cut in the picture has taken the points along, or a pan
+      tracks = null;
+      surrounded = this.#surrounded(gray, null);
+      H = surrounded[0]?.motion ?? null;
+    }
+    if (H === null || !this.#showsEnough(H)) return false;
+    surrounded ??= this.#surrounded(gray, tracks);
     const at = position(time - this.start, this.fps);
     if (this.frames.length === 0) this.#add(this.held[0]); // now the film can be held still
-    const { tracks } = this.#stabiliser;
-    this.held.push(new HeldFrame(gray, H, at, time, tracks, this.#surrounded(gray, tracks)));
+    this.held.push(new HeldFrame(gray, H, at, time, tracks, surrounded));
     if (this.held.length > this.#most) this.held.shift();
     if (!this.isFull) this.#add(this.newest);
     this.seen++;
     return true;
+  }
+
+  /**
+   * Tell whether a frame, held still so, shows enough of the reference.
+   *
+   * @param {Homography | null} HImageFromReference
+   */
+  #showsEnough(HImageFromReference) {
+    if (HImageFromReference === null) return false;
+    const { width, height } = this.reference;
+    const places = CHECKED.map(
+      ([x, y]) => /** @type {Point} */ ([x * width - 0.5, y * height - 0.5]),
+    );
+    const inView = inImage(transform(HImageFromReference, places), width, height);
+    return inView.filter(Boolean).length >= IN_VIEW * places.length;
   }
 
   /**
