@@ -13,6 +13,7 @@ from link.types import Array, Floats, Image
 from receiver.pilots.outline import Border, Outline, border_profiles
 from receiver.pilots.search.bars import without_bars
 from receiver.pilots.search.film import APART, VOTES, HeldFrame, MovingOutline, Surrounded
+from receiver.pilots.search.watch import Watch
 from receiver.tracking.follow import Follower
 
 OUTLINE_JS, FILM_JS = "receiver/pilots/outline.js", "receiver/pilots/search/film.js"
@@ -151,3 +152,22 @@ def test_the_picture_is_found_within_bars(port: Port) -> None:
             same(found, pictures[-1], CORNERS_PX)
     assert [picture is not None for picture in pictures] == [False, True, False]
     assert np.abs(pictures[1] - inner).max() < 3
+
+
+def test_a_cut_in_the_picture_does_not_end_a_watch(port: Port) -> None:
+    """The bezel before the wall holds the film still, where all points of the picture are gone."""
+    images, corners = moving_film(0.0)
+    rng = np.random.default_rng(1)
+    for image, at in list(zip(images, corners, strict=True))[3:]:
+        inside = cv2.fillConvexPoly(np.zeros_like(image), at.round().astype(int), 1) > 0
+        image[inside] = rng.integers(0, 256, image.shape)[inside]
+    watch = Watch(images[0], 0.0, 30.0, picture_moves=False)
+    ported = port("receiver/pilots/search/watch.js").Watch(images[0], 0.0, 30, False)
+    watch.surround([CORNERS])
+    ported.surround([CORNERS.tolist()])
+    for number, image in enumerate(images[1:], 1):
+        assert watch.take(image, number / 30)
+        assert ported.take(image, number / 30)
+    found = watch.held[-1].corners(CORNERS)
+    assert np.abs(found - corners[-1]).max() < FOLLOWED_PX
+    same(ported.newest.corners(CORNERS.tolist()), found, CORNERS_PX)
