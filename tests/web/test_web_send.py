@@ -96,7 +96,7 @@ def test_loops_are_those_of_python(
     bits = encode(message, preset.layout.n_bits, signed=signed)
     loop = Loop(preset.layout, preset.kappa, bits, lambda: iter([drawn]), even=preset.even)
     table = json.loads(json.dumps(send_preset(name, preset)))
-    write_player(tmp_path / "player.html", loop, preset.state_hz, table["loop"]["flicker"])
+    write_player(tmp_path / "player.html", loop, preset.state_hz, dict(table["loop"]["flicker"]))
     given = {"width": size[0], "height": size[1], "data": drawn.reshape(-1)}
     content = {"data": message, "signed": signed}
     found = vars(port("sender/loop.js").makeLoop(table, content, given))
@@ -199,8 +199,8 @@ def test_a_saved_file_is_what_export_send_writes(name: str, sender: Page, tmp_pa
         rows = encode(sent, n_bits, signed=signed)
         assert loop["bits"] == ["".join(map(str, row)) for row in rows], kind
     made = Loop(preset.layout, preset.kappa, rows, lambda: iter([drawn]), even=preset.even)
-    flicker = "" if name == "hidden" else "seen"
-    write_player(tmp_path / "player.html", made, preset.state_hz, flicker)
+    flickers = dict(send_preset(name, preset)["loop"]["flicker"])
+    write_player(tmp_path / "player.html", made, preset.state_hz, flickers)
     assert loop == sent_loop(tmp_path / "player.html")
 
 
@@ -218,14 +218,14 @@ def test_a_film_is_shown_and_saved_as_python_writes_it(
     bits = encode(b"Hi", preset.layout.n_bits)
     blank = np.zeros((512, 384, 3), np.uint8)
     made = Loop(preset.layout, preset.kappa, bits, lambda: iter([blank]), even=preset.even)
-    flicker = "" if name == "hidden" else "seen"
-    write_film_player(tmp_path / "player.html", made, film, preset.state_hz, flicker)
+    flickers = dict(send_preset(name, preset)["loop"]["flicker"])
+    write_film_player(tmp_path / "player.html", made, film, preset.state_hz, flickers)
     assert save(sender, tmp_path / "saved.html") == sent_loop(tmp_path / "player.html")
     sender.locator("#show").click()
     wait_for(sender, lambda: len(sender.frames) == 2)
     shown = sender.frames[1]
     wait_for(sender, lambda: shown.evaluate("Boolean(window.player?.ready)"))
-    if flicker:
+    if flickers[preset.state_hz]:
         sender.mouse.click(200, 300)
     wait_for(sender, lambda: shown.evaluate("film.video.currentTime > 0.2"))
     assert "graphics card" in shown.evaluate("painter.word")
