@@ -15,7 +15,8 @@ const USUAL_FPS = 60;
 /**
  * Open a camera.
  *
- * @param {string} [deviceId] - of the camera; where absent, one that looks away from the user
+ * @param {string} deviceId - of the camera that is preferred; where it is empty or that camera is
+ *   gone, one that looks away from the user
  * @returns {Promise<MediaStream>}
  * @throws {Error} its name says why, as `cameraTrouble` explains
  */
@@ -28,7 +29,7 @@ export async function openCamera(deviceId) {
   const stream = await navigator.mediaDevices.getUserMedia({
     audio: false,
     video: {
-      ...(deviceId ? { deviceId: { exact: deviceId } } : { facingMode: "environment" }),
+      ...(deviceId ? { deviceId: { ideal: deviceId } } : { facingMode: "environment" }),
       width: { ideal: SIZE.width },
       height: { ideal: SIZE.height },
       frameRate: { ideal: USUAL_FPS },

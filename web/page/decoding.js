@@ -11,7 +11,7 @@ import { Decoder } from "../port/export/decoder.js";
 import { FilmGraph } from "../port/export/filmGraph.js";
 import { Layout } from "../port/link/layout.js";
 import { inTurn } from "./inTurn.js";
-import { addressOf, load } from "./site.js";
+import { addressOf, checkVersion, load } from "./site.js";
 
 /** @import { Observation } from "../port/export/filmGraph.js" */
 
@@ -34,7 +34,11 @@ const functions = {
     }),
 
   /** @param {number} preset - whose graph is loaded, unless it is there */
-  load: (preset) => inTurn(() => decoders[preset].load()),
+  load: (preset) =>
+    inTurn(async () => {
+      await checkVersion();
+      await decoders[preset].load();
+    }),
 
   /** Load the film decoder's graph, unless it is there. */
   loadFilm: () => inTurn(() => film?.load()),
