@@ -14,7 +14,7 @@ from web.host.site import build_site
 class SiteHandler(SimpleHTTPRequestHandler):
     """Serves files with the types that browsers insist on, whatever this machine takes them for."""
 
-    extensions_map = {
+    extensions_map: dict[str, str] = {  # noqa: RUF012 - as the class below declares it
         **SimpleHTTPRequestHandler.extensions_map,
         ".css": "text/css",
         ".html": "text/html",

@@ -59,7 +59,7 @@ def open_page(browser, flags=(), worker=None, width=390, height=844, offline=Fal
     page.on("pageerror", lambda error: page.errors.append(str(error)))
     if worker is not None:
         script = {"content_type": "text/javascript", "body": worker}
-        page.route("**/worker.js", lambda route: route.fulfill(**script))
+        page.route("**/worker.js*", lambda route: route.fulfill(**script))
     try:
         yield page
         assert page.dialogs == page.errors == []

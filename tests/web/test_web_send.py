@@ -169,7 +169,7 @@ def given_file(name: str, data: bytes, kind: str = "") -> Any:
 
 def give(page: Page, kind: str) -> None:
     """Choose one of the messages; those that are signed, with KEY and the counter 7."""
-    page.locator("details").evaluate("(element) => { element.open = true; }")
+    page.locator("details").last.evaluate("(element) => { element.open = true; }")
     page.fill("#counter", "7")
     page.fill("#text", "" if "file" in kind else MESSAGES[kind].decode())
     page.set_input_files("#file", given_file("any", MESSAGES[kind]) if "file" in kind else [])
@@ -292,13 +292,14 @@ def test_a_message_that_is_empty_or_huge_is_refused(sender: Page, tmp_path: Path
 def test_the_later_of_text_and_file_is_sent(sender: Page, tmp_path: Path) -> None:
     sender.fill("#text", "typed")
     sender.set_input_files("#file", given_file("menu.txt", b"chosen"))
-    assert "\u201cmenu.txt\u201d, sent in place of the text, has 6" in text_of(sender, "cost")
+    assert "\u201cmenu.txt\u201d is sent in place of the text" in text_of(sender, "cost")
+    assert "The message has 6 of" in text_of(sender, "numbers")
     n_bits = PRESETS["hidden"].layout.n_bits  # which the page offers first
     for message in (b"chosen", b"typed again"):
         rows = encode(message, n_bits)
         assert save(sender, tmp_path / "saved.html")["bits"] == ["".join(map(str, r)) for r in rows]
         sender.fill("#text", "typed again")
-    assert "The message has 11 of" in text_of(sender, "cost")
+    assert "The message has 11 of" in text_of(sender, "numbers")
 
 
 @pytest.mark.slow
