@@ -320,6 +320,113 @@ def test_a_large_picture_is_shrunk_to_the_usual_display(sender: Page, tmp_path: 
     assert [loop["width"], loop["height"]] == [1440, 1080]
 
 
+def profiled_png(drawn: Image) -> bytes:
+    """A PNG that says that its numbers are of Display P3 (a chunk cICP, PNG 3)."""
+    _, data = cv2.imencode(".png", drawn[:, :, ::-1])
+    png, chunk = data.tobytes(), b"cICP" + bytes((12, 13, 0, 1))
+    after = 8 + 25  # signature and header
+    more = struct.pack(">I", 4) + chunk + struct.pack(">I", zlib.crc32(chunk))
+    return png[:after] + more + png[after:]
+
+
+def animated_gif() -> bytes:
+    """Two pictures of 16 x 16 pixels."""
+    head = b"GIF89a" + struct.pack("<HHBBB", 16, 16, 0x80, 0, 0) + bytes(3) + b"\xff" * 3
+    frame = b"\x21\xf9\x04\0\x0a\0\0\0\x2c" + struct.pack("<HHHHB", 0, 0, 16, 16, 0)
+    codes = (
+        b"\x80" + bytes(100) + b"\x80" + bytes(100) + b"\x80" + bytes(56) + b"\x81"
+    )  # not packed
+    pixels = b"".join(bytes((len(part),)) + part for part in (codes[:200], codes[200:]))
+    return head + 2 * (frame + b"\x07" + pixels + b"\0") + b";"
+
+
+@pytest.mark.slow
+def test_what_is_special_about_a_picture_is_said_or_done(sender: Page, tmp_path: Path) -> None:
+    """Animations and small pictures are said; Display P3 becomes sRGB."""
+    sender.set_input_files("#picture", given_file("a.gif", animated_gif(), "image/gif"))
+    said = "Only the first picture of this animation is shown. This picture is small"
+    wait_for(sender, lambda: text_of(sender, "status").startswith(said))
+    drawn = np.full((384, 512, 3), (200, 90, 90), np.uint8)
+    sender.set_input_files("#picture", given_file("a.png", profiled_png(drawn), "image/png"))
+    wait_for(sender, lambda: text_of(sender, "status") == "")
+    wait_for(sender, lambda: sender.evaluate("preview.width") == 512)
+    pixel = sender.evaluate("[...preview.getContext('2d').getImageData(9, 9, 1, 1).data]")
+    assert np.abs(np.subtract(pixel[:3], (216, 81, 86))).max() <= 2
+
+
+@pytest.mark.slow
+def test_numbers_that_are_none_are_refused(sender: Page) -> None:
+    sender.locator("details").last.evaluate("(element) => { element.open = true; }")
+    sender.set_input_files("#key", given_file("key", KEY))
+    sender.locator("#counter").press_sequentially("e")  # which a browser gives as ""
+    sender.locator("#save").click()
+    wait_for(sender, lambda: text_of(sender, "status").startswith("The counter is a whole number"))
+    sender.set_input_files("#key", [])
+    sender.fill("#reader", "example.org")
+    sender.locator("#save").click()
+    wait_for(sender, lambda: "begins with https://" in text_of(sender, "status"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("change", ["fill(255)", "forEach((_, i, all) => (all[i] = 37 * i))"])
+def test_a_browser_that_hides_pixels_is_not_believed(
+    change: str, address: str, open_window: OpenWindow
+) -> None:
+    page = open_window(390, 844)
+    page.add_init_script(f"""
+        const get = CanvasRenderingContext2D.prototype.getImageData;
+        CanvasRenderingContext2D.prototype.getImageData = function (...given) {{
+            const image = get.apply(this, given);
+            image.data.{change};
+            return image;
+        }};
+    """)
+    page.goto(address)
+    page.locator("#save").click()
+    wait_for(page, lambda: "Allow this page to read canvases" in text_of(page, "status"))
+
+
+@pytest.mark.slow
+def test_readers_are_told_the_address_and_by_a_code_that_can_be_switched_off(
+    sender: Page, open_window: OpenWindow, tmp_path: Path
+) -> None:
+    assert sender.input_value("#reader") == ""  # of a page that is on this device alone
+    sender.locator("details").last.evaluate("(element) => { element.open = true; }")
+    assert sender.locator("#local").is_visible()
+    sender.fill("#reader", "https://example.org/read/")
+    loop = save(sender, tmp_path / "player.html")
+    assert loop["reader"] == "https://example.org/read/"
+    page = open_window(1000, 700)
+    page.goto((tmp_path / "player.html").as_uri())
+    wait_for(page, lambda: page.evaluate("Boolean(window.player?.ready)"))
+    assert "Open https://example.org/read/ on a phone" in page.inner_text("p")
+    shot = cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_COLOR)
+    assert cv2.QRCodeDetector().detectAndDecode(shot)[0] == "https://example.org/read/"
+    boxes = [page.locator(name).bounding_box() for name in ("canvas:not(#code)", "#code")]
+    assert boxes[0]["x"] + boxes[0]["width"] <= boxes[1]["x"] + 1  # nothing of it is covered
+    height = boxes[0]["height"]
+    page.keyboard.press("q")
+    assert not page.locator("#code").is_visible()
+    assert page.locator("canvas:not(#code)").bounding_box()["height"] >= height
+    sender.reload()
+    assert sender.input_value("#reader") == "https://example.org/read/"  # remembered
+    sender.locator("details").last.evaluate("(element) => { element.open = true; }")
+    sender.uncheck("#code")
+    assert "code" not in save(sender, tmp_path / "player.html")
+
+
+@pytest.mark.slow
+def test_buttons_and_errors_are_in_view_on_a_phone(sender: Page) -> None:
+    for where in ("0", "document.documentElement.scrollHeight"):
+        sender.evaluate(f"scrollTo(0, {where})")
+        for name in ("#show", "#status"):
+            sender.set_input_files("#picture", given_file("a.jpg", b"none", "image/jpeg"))
+            wait_for(sender, lambda: text_of(sender, "status") == NO_PICTURE)
+            box = sender.locator(name).bounding_box()
+            assert box["y"] >= 0 and box["y"] + box["height"] <= 844
+    assert sender.input_value("#picture") == ""  # what is not shown is not named
+
+
 # How it is shown
 
 

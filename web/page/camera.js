@@ -26,14 +26,22 @@ export async function openCamera(deviceId) {
     error.name = "InsecureContext";
     throw error;
   }
-  const stream = await navigator.mediaDevices.getUserMedia({
-    audio: false,
-    video: {
-      ...(deviceId ? { deviceId: { ideal: deviceId } } : { facingMode: "environment" }),
-      width: { ideal: SIZE.width },
-      height: { ideal: SIZE.height },
-      frameRate: { ideal: USUAL_FPS },
-    },
+  /** @param {MediaTrackConstraints} which */
+  const open = (which) =>
+    navigator.mediaDevices.getUserMedia({
+      audio: false,
+      video: {
+        ...which,
+        width: { ideal: SIZE.width },
+        height: { ideal: SIZE.height },
+        frameRate: { ideal: USUAL_FPS },
+      },
+    });
+  const stream = await open(
+    deviceId ? { deviceId: { exact: deviceId } } : { facingMode: "environment" },
+  ).catch((error) => {
+    if (!deviceId || error.name !== "OverconstrainedError") throw error;
+    return open({ facingMode: "environment" }); // as the camera is gone
   });
   await raiseRate(stream.getVideoTracks()[0]);
   return stream;

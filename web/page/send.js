@@ -29,6 +29,8 @@ let picture = drawn("noon");
 let agreed = "";
 /** Share of refreshes that a display may skip without a word. */
 const FEW_SKIPPED = 0.05;
+/** Modules of white around a QR code (ISO/IEC 18004). */
+const QUIET = 4;
 /** Name by which the address of the page that reads is remembered. */
 const READER = "reader";
 
@@ -206,7 +208,7 @@ function readerOf() {
   remember(READER, given);
   if (!reader) return {};
   if (!byId("code").checked) return { reader };
-  const rows = encodeQR(reader, "raw", { border: 0 });
+  const rows = encodeQR(reader, "raw", { border: QUIET });
   return { reader, code: rows.map((row) => row.map(Number).join("")) };
 }
 
