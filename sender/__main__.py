@@ -263,6 +263,7 @@ def main() -> None:
     loop.kappa = choose_kappa(preset.kappa, args.kappa, args.visibility, hiding)
     camera_fps = needed_camera_fps(least_camera_fps(layout, state_hz))
     better_fps = needed_camera_fps(2 * state_hz)
+    flickers = hiding.flickers(loop.kappa) if kind == ".html" else {}
     flicker = hiding.flicker(loop.kappa)
     more = {
         "preset": args.preset,
@@ -272,7 +273,7 @@ def main() -> None:
         "visibility_screen": round(hiding.seen(loop.kappa, "screen"), 3),
     }
     film = args.pictures if moving else None
-    report = write_loop(loop, args.out, len(message), state_hz, film, flicker=flicker, more=more)
+    report = write_loop(loop, args.out, len(message), state_hz, film, flickers=flickers, more=more)
     print(json.dumps({"out": str(args.out), **report}))
     better = BETTER.format(better_fps) if better_fps > camera_fps else ""
     print(NEEDED.format(state_hz, camera_fps, better), file=sys.stderr)

@@ -9,6 +9,7 @@ step of strength for each block, a short table of offsets, and a bit for each bl
 
 import base64
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -215,7 +216,7 @@ def packed(array: NDArray[np.integer]) -> str:
     return base64.b64encode(zlib.compress(steps.tobytes(), PACKING)).decode()
 
 
-def rule_page(rule: Compact, state_hz: float, flicker: str) -> dict[str, Any]:
+def rule_page(rule: Compact, state_hz: float, flickers: Mapping[float, str]) -> dict[str, Any]:
     """Describe to a page, in JSON's types, how states follow from pictures and bits."""
     layout = rule.layout
     return {
@@ -223,7 +224,7 @@ def rule_page(rule: Compact, state_hz: float, flicker: str) -> dict[str, Any]:
         "cols": layout.cols,
         "kappa": rule.kappa,
         "state_hz": state_hz,
-        "flicker": flicker,
+        "flicker": [[round(rate, 3), word] for rate, word in flickers.items()],
         "known": rule.known,
         "order": "".join("0" if sign > 0 else "1" for sign in layout.code.signs),
         "offsets": packed(128 + rule.offsets.reshape(-1, TILE * TILE, 3)),

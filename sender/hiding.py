@@ -36,6 +36,8 @@ SAMPLE_HZ = 60.0
 while a state lasts, so that more samples, or other refreshes, change nothing."""
 SLOWEST_HZ = 1.0
 """Number of states a second for which slower ones are taken; those are seen less."""
+SLOWER = (1, 5 / 6, 2 / 3, 1 / 2, 1 / 3, 1 / 4)
+"""Shares of the rate asked for at which flicker is judged, as a display may slow down."""
 
 
 @dataclass(frozen=True)
@@ -134,6 +136,18 @@ class Hiding:
         if self.state_hz / 2 > MOST_FLASHES and change.max() >= FLASH_LIGHT:
             return "flashes"
         return "seen" if self.seen(kappa) > PLAIN else ""
+
+    def flickers(self, kappa: int) -> dict[float, str]:
+        """Say what `flicker` finds by states a second: at the rate asked for, and at slower ones.
+
+        >>> from link.presets import PRESETS
+        >>> hidden = PRESETS["hidden"]
+        >>> at_arms_length = Onlooker(distance=hidden.distance_m)
+        >>> Hiding(hidden.layout, 60, at_arms_length, hidden.even).flickers(1)
+        {60: '', 50.0: '', 40.0: '', 30.0: 'seen', 20.0: 'seen', 15.0: 'seen'}
+        """
+        rates = (self.state_hz * share for share in SLOWER)
+        return {rate: replace(self, state_hz=rate).flicker(kappa) for rate in rates}
 
     @cache  # noqa: B019 - a few numbers, for one message a process
     def _seen_over(self, level: float, kappa: int, where: Where = "block") -> float:

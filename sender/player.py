@@ -8,7 +8,7 @@ shown, or where that is not exact by the processor, at the picture's own size.
 
 import base64
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, TypeVar
@@ -69,7 +69,9 @@ def with_bar(items: Iterator[T], count: int, unit: str) -> Iterator[T]:
     yield from tqdm(items, None, count, False, unit=unit, disable=None, delay=BAR_AFTER_S)
 
 
-def write_player(path: Path, loop: Loop, state_hz: float, flicker: str = "") -> None:
+def write_player(
+    path: Path, loop: Loop, state_hz: float, flickers: Mapping[float, str] | None = None
+) -> None:
     """Write the player, one HTML file that needs no other.
 
     Args:
@@ -78,7 +80,9 @@ def write_player(path: Path, loop: Loop, state_hz: float, flicker: str = "") -> 
         state_hz: states a second. The page holds each state for as many whole refreshes of the
             display that it meets as do not make it slower, at least one, and says so if the rate
             is another.
-        flicker: "seen" or "flashes", of which the page warns before it plays; "" for neither.
+        flickers: by states a second "seen" or "flashes", of which the page warns before it plays at
+            such a rate, or "" for neither, as `sender.hiding.Hiding.flickers` says it; None where
+            nothing is to be warned of.
 
     Raises:
         InputError: more pixels than a browser can be asked to hold, or the file is not writable.
@@ -112,11 +116,11 @@ def write_player(path: Path, loop: Loop, state_hz: float, flicker: str = "") -> 
                 "write a video, or use fewer pictures or a smaller size"
             )
     more = {"bits": bits, "pictures": pictures, "steps": steps, "shown": shown, "changes": changes}
-    _write_page(path, loop, rule, state_hz, flicker, more)
+    _write_page(path, loop, rule, state_hz, flickers or {}, more)
 
 
 def write_film_player(
-    path: Path, loop: Loop, film: Path, state_hz: float, flicker: str = ""
+    path: Path, loop: Loop, film: Path, state_hz: float, flickers: Mapping[float, str] | None = None
 ) -> None:
     """Write the player of a film, which works out all states from the film as it plays.
 
@@ -128,7 +132,7 @@ def write_film_player(
         loop: message and layout; its pictures show the film's size.
         film: video file of a kind in `PLAYED`.
         state_hz: states a second, as `write_player` takes them.
-        flicker: as `write_player` takes it.
+        flickers: as `write_player` takes them.
 
     Raises:
         InputError: the film or what it would take is too large, blocks have soft edges, or a file
@@ -162,7 +166,7 @@ def write_film_player(
         page["parts"] = _write_parts(path, film)
     bits = [(ord("0") + each.bits).tobytes().decode() for each in loop.carriers()]
     more = {"bits": bits, "pictures": [], "steps": [None], "shown": [0] * len(bits), "changes": []}
-    _write_page(path, loop, rule, state_hz, flicker, {**more, "film": page})
+    _write_page(path, loop, rule, state_hz, flickers or {}, {**more, "film": page})
 
 
 def window_of(width: int, height: int, placement: Placement) -> tuple[int, int, int, int]:
@@ -192,12 +196,17 @@ def _write_parts(path: Path, film: Path) -> list[str]:
 
 
 def _write_page(
-    path: Path, loop: Loop, rule: Compact, state_hz: float, flicker: str, more: dict[str, Any]
+    path: Path,
+    loop: Loop,
+    rule: Compact,
+    state_hz: float,
+    flickers: Mapping[float, str],
+    more: dict[str, Any],
 ) -> None:
     """Write a page with what it shows, in JSON's types."""
     layout = rule.layout
     page = {
-        **rule_page(rule, state_hz, flicker),
+        **rule_page(rule, state_hz, flickers),
         "width": layout.width,
         "height": layout.height,
         "turned": loop.placement.turns(loop.layout),

@@ -64,7 +64,7 @@ def write_loop(
     state_hz: float,
     film: Path | None = None,
     *,
-    flicker: str = "",
+    flickers: Mapping[float, str] | None = None,
     more: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Write a loop to a file or folder.
@@ -76,7 +76,7 @@ def write_loop(
         state_hz: states shown in a second, by a video, or by the player where the display's
             refreshes allow it.
         film: video that the loop shows: a player plays it, and a video gets its sound.
-        flicker: what the player asks before it plays, as `Hiding.flicker` says it.
+        flickers: what a player warns of, as `Hiding.flickers` says it.
         more: values of JSON's types that are reported beside the loop's own.
 
     Returns:
@@ -98,9 +98,9 @@ def write_loop(
         likeness = Likeness.of(loop).report()
         states = with_bar(loop.states(), 2 * len(loop.bits), "state")
         if kind == ".html" and film is not None and film.suffix.lower() in PLAYED:
-            write_film_player(out, loop, film, state_hz, flicker)
+            write_film_player(out, loop, film, state_hz, flickers)
         elif kind == ".html":
-            write_player(out, loop, state_hz, flicker)
+            write_player(out, loop, state_hz, flickers)
         elif kind:
             write_video(out, states, state_hz)
             if film is not None:

@@ -549,7 +549,7 @@ def test_a_picture_is_as_large_as_a_turned_window_allows_and_survives_the_card_s
 def test_flicker_that_is_seen_is_played_when_somebody_agrees(
     open_window: OpenWindow, small: Loop, tmp_path: Path
 ) -> None:
-    write_player(tmp_path / "player.html", small, 15, "seen")
+    write_player(tmp_path / "player.html", small, 15, {15: "seen"})
     page = open_window(300, 200)
     load(page, tmp_path / "player.html")
     assert not page.evaluate("player.playing")
@@ -557,3 +557,32 @@ def test_flicker_that_is_seen_is_played_when_somebody_agrees(
     page.keyboard.press(" ")
     assert page.evaluate("player.playing")
     assert "flickers" not in page.inner_text("p")
+
+
+@cases((0,), (4,))
+def test_a_display_that_begins_to_save_power_is_noticed_within_a_second(
+    seconds: int, open_window: OpenWindow, small: Loop, tmp_path: Path
+) -> None:
+    """Half of the refreshes come, from the beginning or later; what is seen then is not played."""
+    write_player(tmp_path / "player.html", small, 60, {60: "", 50: "", 30: "seen", 15: "flashes"})
+    page = open_window(300, 200)
+    at_display(page, tmp_path / "player.html", 60 if seconds else 30, state_hz=60)
+    if seconds:
+        page.evaluate(f"for (let k = 0; k < {60 * seconds}; k++) refresh(1000 / 60)")
+        assert page.evaluate("[player.playing, player.rate]") == [True, pytest.approx(60)]
+        page.evaluate("for (let k = 0; k < 20; k++) refresh(1000 / 30)")
+    assert page.evaluate("[player.playing, player.warning, stats.hz]") == [
+        False,
+        "seen",
+        pytest.approx(30, 0.01),
+    ]
+    said = page.inner_text("p")
+    assert "flickers visibly" in said and "30.0 states a second, not 60" in said
+    assert page.evaluate("note.checkVisibility()")
+    page.evaluate("for (let k = 0; k < 40; k++) refresh(1000 / 60)")
+    assert page.evaluate("player.playing")  # by itself, as nobody sees it any more
+    page.evaluate("for (let k = 0; k < 40; k++) refresh(1000 / 30)")
+    page.keyboard.press(" ")
+    assert page.evaluate("player.playing")
+    page.evaluate("for (let k = 0; k < 20; k++) refresh(1000 / 15)")
+    assert page.evaluate("[player.playing, player.warning]") == [False, "flashes"]  # worse

@@ -59,7 +59,7 @@ def open_page(browser, flags=(), worker=None, width=390, height=844, offline=Fal
     page.on("pageerror", lambda error: page.errors.append(str(error)))
     if worker is not None:
         script = {"content_type": "text/javascript", "body": worker}
-        page.route("**/worker.js", lambda route: route.fulfill(**script))
+        page.route("**/worker.js*", lambda route: route.fulfill(**script))
     try:
         yield page
         assert page.dialogs == page.errors == []
@@ -443,6 +443,59 @@ def test_a_camera_that_sees_no_display_keeps_looking(browser, address) -> None:
         wait_for(page, lambda: text_of(page, "status") == "Looking for the display")
         wait_for(page, lambda: "Fit the whole display" in text_of(page, "advice"))
         assert text_of(page, "status") == "Looking for the display"
+
+
+ODD_CAMERA = """
+window.locks = [];
+const request = async () => (locks.push("asked"), { release: async () => {} });
+Object.defineProperty(navigator, "wakeLock", { value: { request } });
+const Processor = MediaStreamTrackProcessor;
+window.MediaStreamTrackProcessor = class {
+  constructor({ track }) {
+    window.track = track;
+    const frames = new Processor({ track }).readable.getReader();
+    this.readable = new ReadableStream({
+      async pull(to) {
+        for (;;) {
+          const { value, done } = await frames.read();
+          if (done) return to.close();
+          if (!window.silent) return to.enqueue(value);
+          value.close();
+        }
+      },
+    });
+  }
+};
+"""
+"""Script that lets the test silence the camera (``silent``), and counts how often the display is
+asked to stay on."""
+
+
+def test_a_camera_that_falls_silent_is_said_and_can_be_started_again(browser, address) -> None:
+    """Help comes after ten seconds in vain; the display is kept on again, the camera remembered."""
+    flags = ["--use-fake-device-for-media-stream=device-count=3", ALLOWED]
+    with open_page(browser, flags, worker=answering({})) as page:
+        page.add_init_script(ODD_CAMERA)
+        page.goto(address[0])
+        wait_for(page, lambda: text_of(page, "status") == "Looking for the display")
+        assert page.locator("#how").is_visible() and not page.locator("#vain").is_visible()
+        page.evaluate("window.silent = true")
+        wait_for(page, lambda: text_of(page, "status") == "The camera sends no pictures", 5)
+        assert page.get_by_role("button", name="Start the camera again").is_visible()
+        page.evaluate("window.silent = false")
+        wait_for(page, lambda: text_of(page, "status") == "Looking for the display")
+        wait_for(page, lambda: not page.locator("#start").is_visible())
+        page.evaluate("document.dispatchEvent(new Event('visibilitychange'))")
+        assert page.evaluate("locks.length") == 2
+        wait_for(page, lambda: page.locator("#vain").is_visible(), 15)
+        assert not page.locator("#how").is_visible()
+        choice = page.locator("#controls select")
+        chosen = choice.locator("option").last.get_attribute("value")
+        choice.select_option(chosen)
+        used = "window.track?.getSettings().deviceId"
+        wait_for(page, lambda: page.evaluate(used) == chosen, 20)
+        page.reload()
+        wait_for(page, lambda: page.evaluate(used) == chosen, 20)
 
 
 def test_what_the_camera_sees_is_read_and_can_be_saved(browser, address, tmp_path) -> None:

@@ -1,15 +1,12 @@
 """The page's receiver puts states together, explains silence and reads films as Python's does."""
 
-import base64
-import json
 from dataclasses import asdict, dataclass
 
 import numpy as np
 import pytest
 import tolerances as within
-from pilot_films import TEXT, robust_film, texture
+from pilot_films import robust_film, texture
 from port import same
-from web_films import write_y4m
 
 from export.film_graph import FilmGraph
 from export.runtime import Decoder
@@ -18,7 +15,6 @@ from receiver.diagnosis import Observations, explain_silence
 from receiver.receiver import Receiver
 from receiver.seen import points_in_view
 from receiver.timing.synchronise import Toggling
-from web.host.site import run_node
 
 OUTSIDE = np.array([[-30.0, 10.0], [600.0, -20.0], [640.0, 470.0], [20.0, 430.0]])
 """Corners of a display that lies partly outside an image of 640 x 480."""
@@ -154,12 +150,3 @@ def test_a_film_is_read_as_by_python(film, port):
     if message is None:
         silence = port("receiver/diagnosis.js").explainSilence(ported.observations)
         assert silence == page_words(explain_silence(receiver.observations))
-
-
-@pytest.mark.slow
-def test_a_film_in_a_file_is_read_without_a_browser(site, tmp_path):
-    write_y4m(tmp_path / "film.y4m", robust_film(90)[0])
-    read = json.loads(run_node(["node", "read.js", str(site), str(tmp_path / "film.y4m")]))
-    assert base64.b64decode(read["data"]) == TEXT
-    assert read["time"] == pytest.approx((read["frames"] - 1) / 30)
-    assert 0 < sum(read["stages"].values()) < read["seconds"]

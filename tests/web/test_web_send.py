@@ -96,7 +96,7 @@ def test_loops_are_those_of_python(
     bits = encode(message, preset.layout.n_bits, signed=signed)
     loop = Loop(preset.layout, preset.kappa, bits, lambda: iter([drawn]), even=preset.even)
     table = json.loads(json.dumps(send_preset(name, preset)))
-    write_player(tmp_path / "player.html", loop, preset.state_hz, table["loop"]["flicker"])
+    write_player(tmp_path / "player.html", loop, preset.state_hz, dict(table["loop"]["flicker"]))
     given = {"width": size[0], "height": size[1], "data": drawn.reshape(-1)}
     content = {"data": message, "signed": signed}
     found = vars(port("sender/loop.js").makeLoop(table, content, given))
@@ -169,7 +169,7 @@ def given_file(name: str, data: bytes, kind: str = "") -> Any:
 
 def give(page: Page, kind: str) -> None:
     """Choose one of the messages; those that are signed, with KEY and the counter 7."""
-    page.locator("details").evaluate("(element) => { element.open = true; }")
+    page.locator("details").last.evaluate("(element) => { element.open = true; }")
     page.fill("#counter", "7")
     page.fill("#text", "" if "file" in kind else MESSAGES[kind].decode())
     page.set_input_files("#file", given_file("any", MESSAGES[kind]) if "file" in kind else [])
@@ -199,8 +199,8 @@ def test_a_saved_file_is_what_export_send_writes(name: str, sender: Page, tmp_pa
         rows = encode(sent, n_bits, signed=signed)
         assert loop["bits"] == ["".join(map(str, row)) for row in rows], kind
     made = Loop(preset.layout, preset.kappa, rows, lambda: iter([drawn]), even=preset.even)
-    flicker = "" if name == "hidden" else "seen"
-    write_player(tmp_path / "player.html", made, preset.state_hz, flicker)
+    flickers = dict(send_preset(name, preset)["loop"]["flicker"])
+    write_player(tmp_path / "player.html", made, preset.state_hz, flickers)
     assert loop == sent_loop(tmp_path / "player.html")
 
 
@@ -218,14 +218,14 @@ def test_a_film_is_shown_and_saved_as_python_writes_it(
     bits = encode(b"Hi", preset.layout.n_bits)
     blank = np.zeros((512, 384, 3), np.uint8)
     made = Loop(preset.layout, preset.kappa, bits, lambda: iter([blank]), even=preset.even)
-    flicker = "" if name == "hidden" else "seen"
-    write_film_player(tmp_path / "player.html", made, film, preset.state_hz, flicker)
+    flickers = dict(send_preset(name, preset)["loop"]["flicker"])
+    write_film_player(tmp_path / "player.html", made, film, preset.state_hz, flickers)
     assert save(sender, tmp_path / "saved.html") == sent_loop(tmp_path / "player.html")
     sender.locator("#show").click()
     wait_for(sender, lambda: len(sender.frames) == 2)
     shown = sender.frames[1]
     wait_for(sender, lambda: shown.evaluate("Boolean(window.player?.ready)"))
-    if flicker:
+    if flickers[preset.state_hz]:
         sender.mouse.click(200, 300)
     wait_for(sender, lambda: shown.evaluate("film.video.currentTime > 0.2"))
     assert "graphics card" in shown.evaluate("painter.word")
@@ -292,13 +292,14 @@ def test_a_message_that_is_empty_or_huge_is_refused(sender: Page, tmp_path: Path
 def test_the_later_of_text_and_file_is_sent(sender: Page, tmp_path: Path) -> None:
     sender.fill("#text", "typed")
     sender.set_input_files("#file", given_file("menu.txt", b"chosen"))
-    assert "\u201cmenu.txt\u201d, sent in place of the text, has 6" in text_of(sender, "cost")
+    assert "\u201cmenu.txt\u201d is sent in place of the text" in text_of(sender, "cost")
+    assert "The message has 6 of" in text_of(sender, "numbers")
     n_bits = PRESETS["hidden"].layout.n_bits  # which the page offers first
     for message in (b"chosen", b"typed again"):
         rows = encode(message, n_bits)
         assert save(sender, tmp_path / "saved.html")["bits"] == ["".join(map(str, r)) for r in rows]
         sender.fill("#text", "typed again")
-    assert "The message has 11 of" in text_of(sender, "cost")
+    assert "The message has 11 of" in text_of(sender, "numbers")
 
 
 @pytest.mark.slow
@@ -317,6 +318,113 @@ def test_a_large_picture_is_shrunk_to_the_usual_display(sender: Page, tmp_path: 
     wait_for(sender, lambda: sender.evaluate("[preview.width, preview.height]") == [1440, 1080])
     loop = save(sender, tmp_path / "saved.html")
     assert [loop["width"], loop["height"]] == [1440, 1080]
+
+
+def profiled_png(drawn: Image) -> bytes:
+    """A PNG that says that its numbers are of Display P3 (a chunk cICP, PNG 3)."""
+    _, data = cv2.imencode(".png", drawn[:, :, ::-1])
+    png, chunk = data.tobytes(), b"cICP" + bytes((12, 13, 0, 1))
+    after = 8 + 25  # signature and header
+    more = struct.pack(">I", 4) + chunk + struct.pack(">I", zlib.crc32(chunk))
+    return png[:after] + more + png[after:]
+
+
+def animated_gif() -> bytes:
+    """Two pictures of 16 x 16 pixels."""
+    head = b"GIF89a" + struct.pack("<HHBBB", 16, 16, 0x80, 0, 0) + bytes(3) + b"\xff" * 3
+    frame = b"\x21\xf9\x04\0\x0a\0\0\0\x2c" + struct.pack("<HHHHB", 0, 0, 16, 16, 0)
+    codes = (
+        b"\x80" + bytes(100) + b"\x80" + bytes(100) + b"\x80" + bytes(56) + b"\x81"
+    )  # not packed
+    pixels = b"".join(bytes((len(part),)) + part for part in (codes[:200], codes[200:]))
+    return head + 2 * (frame + b"\x07" + pixels + b"\0") + b";"
+
+
+@pytest.mark.slow
+def test_what_is_special_about_a_picture_is_said_or_done(sender: Page, tmp_path: Path) -> None:
+    """Animations and small pictures are said; Display P3 becomes sRGB."""
+    sender.set_input_files("#picture", given_file("a.gif", animated_gif(), "image/gif"))
+    said = "Only the first picture of this animation is shown. This picture is small"
+    wait_for(sender, lambda: text_of(sender, "status").startswith(said))
+    drawn = np.full((384, 512, 3), (200, 90, 90), np.uint8)
+    sender.set_input_files("#picture", given_file("a.png", profiled_png(drawn), "image/png"))
+    wait_for(sender, lambda: text_of(sender, "status") == "")
+    wait_for(sender, lambda: sender.evaluate("preview.width") == 512)
+    pixel = sender.evaluate("[...preview.getContext('2d').getImageData(9, 9, 1, 1).data]")
+    assert np.abs(np.subtract(pixel[:3], (216, 81, 86))).max() <= 2
+
+
+@pytest.mark.slow
+def test_numbers_that_are_none_are_refused(sender: Page) -> None:
+    sender.locator("details").last.evaluate("(element) => { element.open = true; }")
+    sender.set_input_files("#key", given_file("key", KEY))
+    sender.locator("#counter").press_sequentially("e")  # which a browser gives as ""
+    sender.locator("#save").click()
+    wait_for(sender, lambda: text_of(sender, "status").startswith("The counter is a whole number"))
+    sender.set_input_files("#key", [])
+    sender.fill("#reader", "example.org")
+    sender.locator("#save").click()
+    wait_for(sender, lambda: "begins with https://" in text_of(sender, "status"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("change", ["fill(255)", "forEach((_, i, all) => (all[i] = 37 * i))"])
+def test_a_browser_that_hides_pixels_is_not_believed(
+    change: str, address: str, open_window: OpenWindow
+) -> None:
+    page = open_window(390, 844)
+    page.add_init_script(f"""
+        const get = CanvasRenderingContext2D.prototype.getImageData;
+        CanvasRenderingContext2D.prototype.getImageData = function (...given) {{
+            const image = get.apply(this, given);
+            image.data.{change};
+            return image;
+        }};
+    """)
+    page.goto(address)
+    page.locator("#save").click()
+    wait_for(page, lambda: "Allow this page to read canvases" in text_of(page, "status"))
+
+
+@pytest.mark.slow
+def test_readers_are_told_the_address_and_by_a_code_that_can_be_switched_off(
+    sender: Page, open_window: OpenWindow, tmp_path: Path
+) -> None:
+    assert sender.input_value("#reader") == ""  # of a page that is on this device alone
+    sender.locator("details").last.evaluate("(element) => { element.open = true; }")
+    assert sender.locator("#local").is_visible()
+    sender.fill("#reader", "https://example.org/read/")
+    loop = save(sender, tmp_path / "player.html")
+    assert loop["reader"] == "https://example.org/read/"
+    page = open_window(1000, 700)
+    page.goto((tmp_path / "player.html").as_uri())
+    wait_for(page, lambda: page.evaluate("Boolean(window.player?.ready)"))
+    assert "Open https://example.org/read/ on a phone" in page.inner_text("p")
+    shot = cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_COLOR)
+    assert cv2.QRCodeDetector().detectAndDecode(shot)[0] == "https://example.org/read/"
+    boxes = [page.locator(name).bounding_box() for name in ("canvas:not(#code)", "#code")]
+    assert boxes[0]["x"] + boxes[0]["width"] <= boxes[1]["x"] + 1  # nothing of it is covered
+    height = boxes[0]["height"]
+    page.keyboard.press("q")
+    assert not page.locator("#code").is_visible()
+    assert page.locator("canvas:not(#code)").bounding_box()["height"] >= height
+    sender.reload()
+    assert sender.input_value("#reader") == "https://example.org/read/"  # remembered
+    sender.locator("details").last.evaluate("(element) => { element.open = true; }")
+    sender.uncheck("#code")
+    assert "code" not in save(sender, tmp_path / "player.html")
+
+
+@pytest.mark.slow
+def test_buttons_and_errors_are_in_view_on_a_phone(sender: Page) -> None:
+    for where in ("0", "document.documentElement.scrollHeight"):
+        sender.evaluate(f"scrollTo(0, {where})")
+        for name in ("#show", "#status"):
+            sender.set_input_files("#picture", given_file("a.jpg", b"none", "image/jpeg"))
+            wait_for(sender, lambda: text_of(sender, "status") == NO_PICTURE)
+            box = sender.locator(name).bounding_box()
+            assert box["y"] >= 0 and box["y"] + box["height"] <= 844
+    assert sender.input_value("#picture") == ""  # what is not shown is not named
 
 
 # How it is shown

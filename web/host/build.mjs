@@ -36,6 +36,8 @@ const { dependencies } = JSON.parse(await readFile(join(WEB, "package.json"), "u
 const out = process.argv[2];
 if (!out) throw new Error("name the folder of the site: node host/build.mjs DIR");
 
+const BLANK = "0123456789abcdef"; // stands for the version until all files are there
+
 /** @type {import("esbuild").BuildOptions} */
 const SETTINGS = {
   bundle: true,
@@ -82,7 +84,7 @@ await mkdir(out, { recursive: true });
 for (const name of COPIED) await cp(join(PAGE, name), join(out, name));
 const frame = await readFile(join(PAGE, "frame.html"), "utf8");
 for (const [name, words] of Object.entries(PAGES)) {
-  const parts = { content: await readFile(join(PAGE, name), "utf8"), ...words };
+  const parts = { version: BLANK, content: await readFile(join(PAGE, name), "utf8"), ...words };
   const page = Object.entries(parts).reduce(
     (text, [at, part]) => text.replaceAll(`{{${at}}}`, () => part),
     frame,
@@ -96,6 +98,7 @@ await cp(join(WEB, "host/opencv/opencv.wasm"), join(out, "opencv.wasm"));
 await writeFile(join(out, "licences.txt"), await licences());
 const sent = join(out, "send.json");
 const define = {
+  VERSION: JSON.stringify(BLANK),
   VERSIONS: JSON.stringify({ ...dependencies, opencv: OPENCV }),
   SENT: await readFile(sent, "utf8"),
 };
@@ -104,15 +107,18 @@ const scripts = ["page", "worker", "decoding", "send", "sending", "about"];
 const entryPoints = scripts.map((name) => join(PAGE, `${name}.js`));
 await build({ ...SETTINGS, define, entryPoints, outdir: out });
 
+await writeFile(join(out, "version.txt"), BLANK);
 const files = await filesOf(out);
-const hash = createHash("sha256");
-for (const name of files) hash.update(name).update(await readFile(join(out, name)));
 await build({
   ...SETTINGS,
-  define: {
-    FILES: JSON.stringify(files),
-    VERSION: JSON.stringify(hash.digest("hex").slice(0, 16)),
-  },
+  define: { FILES: JSON.stringify(files), VERSION: JSON.stringify(BLANK) },
   entryPoints: [join(PAGE, "serviceWorker.js")],
   outdir: out,
 });
+const hash = createHash("sha256");
+for (const name of files) hash.update(name).update(await readFile(join(out, name)));
+const version = hash.digest("hex").slice(0, BLANK.length);
+for (const name of [...files, "serviceWorker.js"].filter((name) => /\.(js|html|txt)$/.test(name))) {
+  const text = await readFile(join(out, name), "utf8");
+  await writeFile(join(out, name), text.replaceAll(BLANK, version));
+}

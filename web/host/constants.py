@@ -34,6 +34,7 @@ SHARED = [
         "models/pairwise",
         "receiver/**/*",
         "sender/compact",
+        "sender/pictures",
         "web/host/tables",
     )
     for file in sorted(ROOT.glob(f"{place}.py"))

@@ -94,4 +94,4 @@ def write_look(path: Path, preset: Preset, picture: NDArray[np.uint8]) -> None:
     )
     onlooker = Onlooker(distance=preset.distance_m)
     hiding = Hiding(loop.shown_layout, preset.state_hz, onlooker, even)
-    write_player(path, loop, preset.state_hz, hiding.flicker(preset.kappa))
+    write_player(path, loop, preset.state_hz, hiding.flickers(preset.kappa))

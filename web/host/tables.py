@@ -59,5 +59,5 @@ def send_preset(name: str, preset: Preset) -> dict[str, Any]:
         "ratex": layout.ratex,
         "tiles": original.reshape(-1, TILES**2).tolist(),
         "changes": (still + (embedded - original) // kappa).reshape(-1, TILES**2).tolist(),
-        "loop": rule_page(rule, state_hz, hiding.flicker(kappa)),
+        "loop": rule_page(rule, state_hz, hiding.flickers(kappa)),
     }

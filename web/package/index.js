@@ -5,6 +5,8 @@
  * module exports is promised to stay. Reading keeps a processor busy, so pages do it in a worker.
  */
 
+import * as ort from "onnxruntime-web/wasm";
+import { images, imagesVideo } from "../generated/constants.js";
 import { FilmGraph } from "../port/export/filmGraph.js";
 import { loadOpenCv } from "../port/image/opencv.js";
 import { Verifier } from "../port/link/code/authenticate.js";
@@ -14,16 +16,33 @@ import { planeOfFrame, planeOfRgba } from "../page/planes.js";
 import { explainSilence } from "../port/receiver/diagnosis.js";
 import { Inbox } from "../port/receiver/inbox.js";
 import { Receiver as FrameReceiver } from "../port/receiver/receiver.js";
+import { coded, InputError } from "./errors.js";
 import { messageEvent, pairEvent, rounded } from "./events.js";
+
+export { InputError };
 
 /** @typedef {import("../generated/events.js").FilmEvent} FilmEvent */
 /**
  * A frame: a `VideoFrame`, which is closed, or pixels row by row, one byte each of luma, or four of
- * red, green, blue and opacity, as `ImageData` has them. They must not change while they are read.
+ * red, green, blue and opacity, as `ImageData` has them. Of NV12 and I420 planes, where half as many
+ * bytes of colour follow the luma, the luma is taken. They must not change while they are read.
  *
  * @typedef {VideoFrame | { width: number, height: number, data: Uint8Array | Uint8ClampedArray }}
  *   Frame
  */
+/**
+ * @typedef {object} Options
+ * @property {string[]} [models] - names of the presets that are looked for, of `hidden`, `fast` and
+ *   `robust`; all if absent
+ * @property {Uint8Array | null} [key] - deliver only what was sent with this key
+ * @property {number | null} [maxAgeS] - largest age of a message with a key, seconds
+ * @property {boolean} [scores] - whether frame pairs come with their scores, too
+ * @property {number} [frameMs] - for a camera that does not wait: time after which a search begins
+ *   no further step with a frame, milliseconds
+ */
+
+/** Periods between two frames, and how often in a row, from which times are taken to be no seconds. */
+const [OTHER_UNIT, OFTEN] = [300, 3];
 
 /** What is looked for, by the name of its preset. @type {Map<string, Layout>} */
 const layouts = new Map();
@@ -33,14 +52,22 @@ let film;
 /**
  * Load what all receivers need, once.
  *
- * @param {string | URL} [folder] - address of the folder with this package's files, which ends with
- *   a slash; where this script lies if it is absent
- * @returns {Promise<void>} rejected where a file cannot be loaded
+ * @param {string | URL} [folder] - address of the folder with this package's files and with
+ *   ort-wasm-simd-threaded.wasm and .mjs of onnxruntime-web, which ends with a slash; where this
+ *   script lies if it is absent
+ * @returns {Promise<void>} rejected with an `InputError` where a file cannot be loaded
  */
-export async function load(folder = import.meta.url) {
+export function load(folder = import.meta.url) {
+  return coded("load", () => loadFrom(folder));
+}
+
+/** @param {string | URL} folder */
+async function loadFrom(folder) {
+  const place = new URL(folder, globalThis.location?.href);
+  if (folder !== import.meta.url && /^http/.test(place.protocol)) ort.env.wasm.wasmPaths = place.href;
   /** @param {string} name */
   async function read(name) {
-    const address = new URL(name, new URL(folder, globalThis.location?.href));
+    const address = new URL(name, place);
     if (address.protocol === "file:") {
       return new Uint8Array(process.getBuiltinModule("node:fs").readFileSync(address));
     }
@@ -66,34 +93,45 @@ export class Receiver {
   #time = -Infinity;
   #inView = false;
   #clocked = false;
+  #finished = false;
+  #period;
+  /** Number of frames, to the last, that came much later than those before them. */
+  #far = 0;
 
   /**
    * @param {number} fps - nominal number of frames of the camera in a second
-   * @param {object} [options]
-   * @param {string[]} [options.models] - names of the presets that are looked for, of `hidden`, `fast`
-   *   and `robust`; all if absent
-   * @param {Uint8Array | null} [options.key] - deliver only what was sent with this key
-   * @param {number | null} [options.maxAgeS] - largest age of a message with a key, seconds
-   * @param {boolean} [options.scores] - whether frame pairs come with their scores, too
-   * @param {number} [options.frameMs] - for a camera that does not wait: time after which a search
-   *   begins no further step with a frame, milliseconds
+   * @param {Options} [options]
+   * @throws {InputError} load() was not awaited, or an argument is no good
    */
-  constructor(fps, { models, key = null, maxAgeS = null, scores = false, frameMs } = {}) {
-    if (!(fps > 0)) throw new Error(`fps: need more than 0, got ${fps}`);
-    if (layouts.size === 0) throw new Error("await load() before the first receiver is made");
+  constructor(fps, options = {}) {
+    if (!film) throw new InputError("load", "await load() before the first receiver is made");
+    if (options === null || typeof options !== "object") {
+      throw new InputError("argument", `options: need an object, got ${options}`);
+    }
+    const { models, key = null, maxAgeS = null, scores = false, frameMs } = options;
+    checkNumber("fps", fps, imagesVideo.MIN_FPS, imagesVideo.MAX_FPS);
+    if (frameMs !== undefined && frameMs !== Infinity) checkNumber("frameMs", frameMs, 0, 1e9);
+    if (maxAgeS !== null) checkNumber("maxAgeS", maxAgeS, 0, Infinity);
+    if (models !== undefined && !(Array.isArray(models) && models.length)) {
+      throw new InputError("argument", "models: need an array of names, such as ['hidden']");
+    }
     const wanted = (models ?? [...layouts.keys()]).map((name) => {
       const layout = layouts.get(name);
-      if (!layout) {
-        const read = [...layouts.keys()].join(", ");
-        throw new Error(`models: ${name} is none of ${read}; python -m receiver reads paper, too`);
-      }
-      return layout;
+      if (layout) return layout;
+      const read = [...layouts.keys()].join(", ");
+      throw new InputError("argument", `models: ${name} is none of ${read}, which this package reads`);
     });
+    if (key !== null && !(key instanceof Uint8Array)) {
+      throw new InputError("argument", `key: need a Uint8Array or null, got ${typeof key}`);
+    }
+    if (key === null && maxAgeS !== null) {
+      throw new InputError("argument", "maxAgeS: only a message with a key has an age; give a key");
+    }
     this.#receiver = new FrameReceiver(wanted, film, fps, frameMs);
-    if (key !== null && !(key instanceof Uint8Array)) throw new Error("key: need bytes, or null");
-    if (key === null && maxAgeS !== null) throw new Error("maxAgeS: only with a key");
-    this.#inbox = new Inbox(key === null ? null : new Verifier(key, maxAgeS));
-    this.#scores = scores;
+    const verifier = coded("argument", () => key && new Verifier(key, maxAgeS));
+    this.#inbox = new Inbox(verifier);
+    this.#scores = Boolean(scores);
+    this.#period = 1 / fps;
   }
 
   /** What was seen so far, and why no message came, in one line. @returns {string} */
@@ -106,13 +144,16 @@ export class Receiver {
    *
    * @param {Frame} frame
    * @param {number} time - of the frame, seconds; rising from frame to frame
-   * @returns {Promise<FilmEvent[]>} what the frame brought, often nothing
+   * @returns {Promise<FilmEvent[]>} what the frame brought, often nothing; rejected with an
+   *   `InputError` where frame or time are no good
    */
   push(frame, time) {
     return inTurn(async () => {
-      if (!(time > this.#time)) throw new Error(`time: must rise, got ${time} after ${this.#time}`);
+      this.#checkOpen();
+      this.#checkTime(time);
       const name = `frame ${this.#receiver.frames}`;
-      const step = await this.#receiver.push(await planeOf(frame), time);
+      const plane = await coded("frame", () => planeOf(frame));
+      const step = await coded("failed", () => this.#receiver.push(plane, time));
       this.#time = time;
       /** @type {FilmEvent[]} */
       const events = [];
@@ -137,11 +178,14 @@ export class Receiver {
   /**
    * Decode what is left when the frames have ended.
    *
-   * @returns {Promise<FilmEvent[]>} the last one sums up what was read
+   * @returns {Promise<FilmEvent[]>} the last one sums up what was read; rejected with an `InputError`
+   *   where it was called before
    */
   finish() {
     return inTurn(async () => {
-      const events = this.#decoded(await this.#receiver.finish());
+      this.#checkOpen();
+      this.#finished = true;
+      const events = this.#decoded(await coded("failed", () => this.#receiver.finish()));
       const { frames, found, timing } = this.#receiver;
       const times = Object.entries(timing.spent).map(([stage, seconds]) => [
         stage,
@@ -159,6 +203,26 @@ export class Receiver {
     });
   }
 
+  #checkOpen() {
+    if (!this.#finished) return;
+    throw new InputError("finished", "this receiver has finished; make a new one for other frames");
+  }
+
+  /** @param {number} time */
+  #checkTime(time) {
+    if (typeof time !== "number" || !Number.isFinite(time)) {
+      throw new InputError("time", `time: need a finite number of seconds, got ${String(time)}`);
+    }
+    if (!(time > this.#time)) {
+      throw new InputError("time", `time: must rise, got ${time} s after ${this.#time} s`);
+    }
+    const step = (time - this.#time) / this.#period;
+    this.#far = this.#receiver.frames > 0 && step > OTHER_UNIT ? this.#far + 1 : 0;
+    if (this.#far < OFTEN) return;
+    const apart = `frames come ${rounded(time - this.#time)} s apart, at ${rounded(1 / this.#period)} a second`;
+    throw new InputError("time", `time: ${apart}; give seconds, not milliseconds`);
+  }
+
   /**
    * @param {import("../port/receiver/reading/reader.js").Reading} reading
    * @returns {FilmEvent[]}
@@ -171,11 +235,35 @@ export class Receiver {
   }
 }
 
+/**
+ * @param {string} name - of an argument
+ * @param {unknown} value
+ * @param {number} least
+ * @param {number} most
+ */
+function checkNumber(name, value, least, most) {
+  if (typeof value === "number" && value >= least && value <= most) return;
+  const range = most === Infinity ? `a number above ${least}` : `a number from ${least} to ${most}`;
+  throw new InputError("argument", `${name}: need ${range}, got ${String(value)}`);
+}
+
 /** @param {Frame} frame */
 async function planeOf(frame) {
-  if (!("data" in frame)) return planeOfFrame(frame);
+  if (typeof VideoFrame !== "undefined" && frame instanceof VideoFrame) return planeOfFrame(frame);
+  if (frame === null || typeof frame !== "object" || !("data" in frame)) {
+    throw new Error("a frame is a VideoFrame, or has width, height and data");
+  }
   const { width, height, data } = frame;
-  if (data.length === 4 * width * height) return planeOfRgba(frame);
-  if (data.length === width * height) return { width, height, data: Uint8Array.from(data) };
-  throw new Error(`a frame needs 1 or 4 bytes a pixel, got ${data.length} for ${width}x${height}`);
+  const pixels = width * height;
+  if (![width, height].every((side) => Number.isInteger(side) && side >= images.MIN_SIDE_PX)) {
+    throw new Error(`a frame needs ${images.MIN_SIDE_PX} px or more a side, got ${width} x ${height}`);
+  }
+  if (!(data instanceof Uint8Array || data instanceof Uint8ClampedArray)) {
+    throw new Error("data: need a Uint8Array or Uint8ClampedArray");
+  }
+  if (data.length === 4 * pixels) return planeOfRgba(frame);
+  if (data.length === pixels || data.length === 1.5 * pixels) {
+    return { width, height, data: Uint8Array.from(data.subarray(0, pixels)) };
+  }
+  throw new Error(`a frame needs 1, 1.5 or 4 bytes a pixel, got ${data.length} for ${width} x ${height}`);
 }

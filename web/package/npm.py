@@ -28,10 +28,12 @@ def write_npm_package(folder: Path) -> Path:
         compiler = ["node", "node_modules/typescript/bin/tsc", "--noEmit", "false", "--noCheck"]
         types = Path(temporary) / "types"
         run_node([*compiler, "--declaration", "--emitDeclarationOnly", "--outDir", str(types)])
-        declared = (types / "package" / "index.d.ts").read_text("utf-8")
-        declared = declared.replace("../generated/events.js", "./events.js")
-        declared += 'export * from "./events.js";\n'
-        (package / "index.d.ts").write_text(declared, "utf-8")
+        for name in ("index", "live", "errors"):
+            declared = (types / "package" / f"{name}.d.ts").read_text("utf-8")
+            declared = declared.replace("../generated/events.js", "./events.js")
+            if name == "index":
+                declared += 'export * from "./events.js";\n'
+            (package / f"{name}.d.ts").write_text(declared, "utf-8")
         shutil.copy(EVENTS, package / "events.d.ts")
         shutil.copy(ROOT / "LICENSE", package)
         shutil.copy(WEB / "host" / "opencv" / "opencv.wasm", package)

@@ -1,6 +1,6 @@
 /** The page about it all: reads the film that comes with it, and shows what presets look like. */
 
-import { keepForOffline } from "./site.js";
+import { keepForOffline, started } from "./site.js";
 
 /**
  * Put frames in the place of a button once it is pressed: their titles by their addresses.
@@ -21,4 +21,5 @@ function opens(id, pages) {
 
 opens("read", { "./?film=demo.mkv": "The receiver reads the film" });
 opens("look", { "look-robust.html": "The preset robust", "look-hidden.html": "The preset hidden" });
+started();
 void keepForOffline();

@@ -2,6 +2,8 @@
 
 import { BRIGHT, DARK, LONG } from "../port/receiver/diagnosis.js";
 import { MIN_FRAMES } from "../port/receiver/timing/synchronise.js";
+import { RENEWED } from "./site.js";
+import { sentence } from "./text.js";
 
 /** Seconds of vain search after which the page gives advice. */
 export const PATIENCE_S = 4;
@@ -97,6 +99,26 @@ export function shareOf(corners, { width, height }) {
     twice += x * nextY - nextX * y;
   });
   return Math.abs(twice) / 2 / (width * height);
+}
+
+/**
+ * Say why the receiver will never work, and what to do.
+ *
+ * @param {string} reason - as the browser or the receiver says it
+ * @returns {[string, string]}
+ */
+export function failureOf(reason) {
+  if (reason.includes(RENEWED)) {
+    return ["This page was renewed", "Its server has a newer one. Reload this page."];
+  }
+  if (/content.security.policy|unsafe-eval|\bCSP\b/i.test(reason)) {
+    return [
+      "This page's server forbids the receiver",
+      "It lets no page run WebAssembly. Who runs the server adds 'wasm-unsafe-eval' to script-src " +
+        "in its Content-Security-Policy.",
+    ];
+  }
+  return ["The receiver cannot work in this browser", `${sentence(reason)} Try a newer browser.`];
 }
 
 /**

@@ -15,7 +15,8 @@ const USUAL_FPS = 60;
 /**
  * Open a camera.
  *
- * @param {string} [deviceId] - of the camera; where absent, one that looks away from the user
+ * @param {string} deviceId - of the camera that is preferred; where it is empty or that camera is
+ *   gone, one that looks away from the user
  * @returns {Promise<MediaStream>}
  * @throws {Error} its name says why, as `cameraTrouble` explains
  */
@@ -25,14 +26,22 @@ export async function openCamera(deviceId) {
     error.name = "InsecureContext";
     throw error;
   }
-  const stream = await navigator.mediaDevices.getUserMedia({
-    audio: false,
-    video: {
-      ...(deviceId ? { deviceId: { exact: deviceId } } : { facingMode: "environment" }),
-      width: { ideal: SIZE.width },
-      height: { ideal: SIZE.height },
-      frameRate: { ideal: USUAL_FPS },
-    },
+  /** @param {MediaTrackConstraints} which */
+  const open = (which) =>
+    navigator.mediaDevices.getUserMedia({
+      audio: false,
+      video: {
+        ...which,
+        width: { ideal: SIZE.width },
+        height: { ideal: SIZE.height },
+        frameRate: { ideal: USUAL_FPS },
+      },
+    });
+  const stream = await open(
+    deviceId ? { deviceId: { exact: deviceId } } : { facingMode: "environment" },
+  ).catch((error) => {
+    if (!deviceId || error.name !== "OverconstrainedError") throw error;
+    return open({ facingMode: "environment" }); // as the camera is gone
   });
   await raiseRate(stream.getVideoTracks()[0]);
   return stream;

@@ -2,15 +2,15 @@
 
 import { codeAuthenticate } from "../generated/constants.js";
 import { textOf, utf8Of } from "../port/link/code/message.js";
-import { adviceFor, barOf, cameraTrouble, stateOf } from "./advice.js";
+import { adviceFor, barOf, cameraTrouble, failureOf, stateOf } from "./advice.js";
 import { LONG } from "../port/receiver/diagnosis.js";
 import { cameraControls, listCameras, openCamera, shortenExposure } from "./camera.js";
 import { filmFrames } from "./films.js";
 import { cameraFrames } from "./frames.js";
 import { Overlay } from "./overlay.js";
 import { Reception } from "./reception.js";
-import { download, keepForOffline } from "./site.js";
-import { linkOf, noteOf } from "./text.js";
+import { download, keepForOffline, remember, remembered, RENEWED, started } from "./site.js";
+import { linkOf, noteOf, sentence } from "./text.js";
 
 /** @import { Viewer } from "./films.js" */
 /** @import { Arrival, Step } from "./protocol.js" */
@@ -19,6 +19,12 @@ import { linkOf, noteOf } from "./text.js";
 const RECORDED_S = 4;
 /** Milliseconds for which the page says why it refused a message, whatever it sees meanwhile. */
 const REFUSAL_MS = 4000;
+/** Milliseconds without a picture after which the page says that the camera sends none. */
+const SILENT_MS = 2500;
+/** Milliseconds in vain after which the page says what else may help. */
+const VAIN_MS = 10_000;
+/** Name by which the choice of a camera is remembered. */
+const CAMERA = "camera";
 
 const { MIN_KEY_BYTES, MAX_KEY_BYTES, MAX_STAMP } = codeAuthenticate;
 
@@ -54,6 +60,8 @@ let fromCamera = true;
 let shortened = false;
 /** @type {{ release(): Promise<void> } | null} */
 let awake = null;
+/** When the camera's last frame came, and when reading last began or found a display. */
+const times = { frame: 0, hope: 0 };
 
 /** What is said while the receiver's programs are loaded, and what is said then. */
 const [LOADING, GETTING_READY] = ["Loading the receiver", "Getting ready"];
@@ -69,7 +77,8 @@ const reception = new Reception({
   },
   failed(reason) {
     stop();
-    if (!sayFailure()) say("The receiver has stopped", sentence(reason));
+    if (reason === RENEWED) say(...failureOf(reason));
+    else if (!sayFailure()) say("The receiver has stopped", sentence(reason));
   },
   step: showStep,
   kept(share) {
@@ -98,7 +107,8 @@ function say(text, advice = "") {
 function sayFailure() {
   const { failure } = reception;
   if (failure === null) return false;
-  say("The receiver cannot work in this browser", `${sentence(failure)} Try a newer browser.`);
+  say(...failureOf(failure));
+  showHelp(false);
   return true;
 }
 
@@ -117,6 +127,8 @@ function showStep(step) {
   byId("received").hidden = false;
   byId("bits").hidden = !step.bits;
   if (step.bits) drawBits(step.bits);
+  if (step.corners) times.hope = performance.now();
+  showHelp(fromCamera && !step.corners && !step.progress);
   byId("details").textContent = detailsOf(step);
   exposeForShorter(step);
   if (step.arrival && step.arrival.refused === null) {
@@ -140,6 +152,13 @@ function showStep(step) {
   }
 }
 
+/** @param {boolean} on - whether a display is looked for, so that the visitor may need help */
+function showHelp(on) {
+  const isVain = on && performance.now() - times.hope > VAIN_MS;
+  byId("how").hidden = !on || isVain;
+  byId("vain").hidden = !isVain;
+}
+
 /** @param {Plane} bits */
 function drawBits({ width, height, data }) {
   const image = new ImageData(width, height);
@@ -155,11 +174,6 @@ function detailsOf({ preset, explanation, width, height, arrival }) {
   const counts = `${reception.taken} frames read, ${reception.dropped} skipped`;
   const seen = `${width} × ${height} pixels${rate}; ${counts}; preset ${preset ?? "unknown"}.`;
   return arrival && arrival.refused === null ? seen : `${seen} ${sentence(explanation)}`;
-}
-
-/** @param {string} text @returns {string} with a capital letter first and a full stop last */
-function sentence(text) {
-  return text && `${text[0].toUpperCase()}${text.slice(1)}.`;
 }
 
 /** @param {Arrival} arrival */
@@ -188,6 +202,7 @@ function showMessage({ data, signed, stamp }) {
   byId("percent").textContent = "100 %";
   byId("received").hidden = false;
   say("Message received");
+  showHelp(false);
   navigator.vibrate?.(80);
 }
 
@@ -244,6 +259,8 @@ function prepare(isCamera, again) {
   fromCamera = isCamera;
   shortened = false;
   running = new AbortController();
+  times.hope = performance.now();
+  showHelp(isCamera);
   byId("start").hidden = true;
   video.srcObject = null;
   video.classList.remove("live");
@@ -256,16 +273,14 @@ function prepare(isCamera, again) {
 // ---- The camera
 
 /**
- * Read what a camera sees.
- *
- * @param {string} [deviceId] - of the camera
+ * Read what a camera sees: the one that was chosen last, where one was.
  */
-async function readCamera(deviceId) {
+async function readCamera() {
   if (sayFailure()) return;
-  const signal = prepare(true, () => void readCamera(deviceId));
+  const signal = prepare(true, () => void readCamera());
   say("Asking for the camera", "The browser asks whether this page may use it.");
   try {
-    const stream = await openCamera(deviceId);
+    const stream = await openCamera(remembered(CAMERA));
     if (signal.aborted) return void stream.getTracks().forEach((track) => track.stop());
     video.srcObject = stream;
     video.classList.add("live");
@@ -278,7 +293,13 @@ async function readCamera(deviceId) {
     showControls(stream.getVideoTracks()[0], signal).catch(() => {}); // they are left out
     void stayAwake();
     reception.begin(null);
-    await cameraFrames(stream, video, (pixels, time) => reception.offer(pixels, time), signal);
+    watchCamera(stream.getVideoTracks()[0], signal);
+    /** @type {import("./frames.js").Take} */
+    const take = (pixels, time) => {
+      times.frame = performance.now();
+      return reception.offer(pixels, time);
+    };
+    await cameraFrames(stream, video, take, signal);
     if (!signal.aborted) {
       stop();
       say("The camera has stopped", "Is it still connected? Start it again.");
@@ -289,6 +310,33 @@ async function readCamera(deviceId) {
     byId("start").textContent = "Try the camera again";
     say("No camera", cameraTrouble(error));
   }
+}
+
+/**
+ * Say where the camera sends no pictures, until it sends some.
+ *
+ * @param {MediaStreamTrack} track
+ * @param {AbortSignal} signal - ends it
+ */
+function watchCamera(track, signal) {
+  times.frame = performance.now();
+  let wasSilent = false;
+  const timer = setInterval(() => {
+    if (signal.aborted) return clearInterval(timer);
+    const now = performance.now();
+    if (document.hidden) times.frame = now; // which nothing is asked for
+    const isSilent = track.muted || now - times.frame > SILENT_MS;
+    if (isSilent === wasSilent) return;
+    wasSilent = isSilent;
+    byId("start").hidden = !isSilent;
+    if (!isSilent) return say(reception.isReady ? "Looking for the display" : GETTING_READY, WAIT);
+    byId("start").textContent = "Start the camera again";
+    showHelp(false);
+    say(
+      "The camera sends no pictures",
+      "Another program may use it, a switch may be off, or the device was locked. Start it again.",
+    );
+  }, 250);
 }
 
 /**
@@ -321,7 +369,10 @@ async function showControls(track, signal) {
     const choice = document.createElement("select");
     choice.append(...cameras.map(({ id, name }) => new Option(name, id)));
     choice.value = track.getSettings().deviceId ?? "";
-    choice.addEventListener("change", () => void readCamera(choice.value));
+    choice.addEventListener("change", () => {
+      remember(CAMERA, choice.value);
+      void readCamera();
+    });
     rows.push(labelled("Camera", choice));
   }
   if (!signal.aborted) byId("controls").replaceChildren(...rows);
@@ -358,7 +409,13 @@ async function stayAwake() {
   } catch {
     awake = null; // low battery, for one
   }
+  if (running.signal.aborted) void awake?.release();
 }
+
+document.addEventListener("visibilitychange", () => {
+  const isReading = !running.signal.aborted && streamOf(video) !== null;
+  if (!document.hidden && isReading) void stayAwake(); // which hidden pages lose
+});
 
 // ---- Films
 
@@ -466,7 +523,7 @@ byId("keep").addEventListener("click", () => {
   const name = utf8Of(shown) === null ? "message.bin" : "message.txt";
   download(new Blob([new Uint8Array(shown)]), name);
 });
-byId("choose").addEventListener("click", () => byId("film").click());
+for (const id of ["choose", "instead"]) byId(id).addEventListener("click", () => byId("film").click());
 byId("film").addEventListener("change", () => {
   const [file] = byId("film").files;
   if (file) void readFilm(file);
@@ -486,7 +543,8 @@ byId("key").addEventListener("change", async () => {
   readAgain();
 });
 byId("age").addEventListener("change", () => {
-  const age = byId("age").value === "" ? null : byId("age").valueAsNumber;
+  const isEmpty = byId("age").value === "" && !byId("age").validity.badInput; // as of "1e"
+  const age = isEmpty ? null : byId("age").valueAsNumber;
   if (age !== null && !(age > 0 && age <= MAX_STAMP)) {
     byId("age").value = reception.maxAgeS ?? "";
     return say("This is no age", `Need more than 0 and at most ${MAX_STAMP} seconds.`);
@@ -521,5 +579,6 @@ for (const name of ["dragover", "dragleave", "drop"]) {
   });
 }
 
+started();
 document.querySelector("header")?.toggleAttribute("hidden", parent !== window); // within another page
 if (!readNamedFilm()) void readCamera();

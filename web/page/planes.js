@@ -48,6 +48,30 @@ export function planeOfRgba({ width, height, data }) {
 }
 
 /**
+ * Take the colours of a frame. Browsers that know no conversion copy the planes as they are, which
+ * their number and size tells; then a canvas draws the frame.
+ *
+ * @param {VideoFrame} frame
+ * @param {DOMRectReadOnly} box - of the frame that is shown
+ */
+async function coloursOf(frame, box) {
+  const { width, height } = box;
+  /** @type {any} */
+  const options = { rect: box, format: "RGBA" }; // newer than the types that tsc knows
+  try {
+    const data = new Uint8Array(frame.allocationSize(options));
+    const planes = await frame.copyTo(data, options);
+    if (planes.length === 1 && data.length === 4 * width * height) return data;
+  } catch {
+    // drawn below
+  }
+  const context = new OffscreenCanvas(width, height).getContext("2d", { alpha: false });
+  if (!context) throw new Error("the browser gives no canvas");
+  context.drawImage(frame, 0, 0, width, height);
+  return context.getImageData(0, 0, width, height).data;
+}
+
+/**
  * Take the luma of a frame of a camera or a film, and close the frame.
  *
  * The frame's colour space says its range. Where it says nothing, luma stays as it is, which loses
@@ -62,11 +86,7 @@ export async function planeOfFrame(frame) {
     if (!box) throw new Error("the frame is closed already");
     const { width, height } = box;
     if (!LUMA_FORMATS.includes(frame.format ?? "")) {
-      /** @type {any} */
-      const options = { rect: box, format: "RGBA" }; // newer than the types that tsc knows
-      const data = new Uint8Array(frame.allocationSize(options));
-      await frame.copyTo(data, options);
-      return planeOfRgba({ width, height, data });
+      return planeOfRgba({ width, height, data: await coloursOf(frame, box) });
     }
     const data = new Uint8Array(frame.allocationSize({ rect: box }));
     await frame.copyTo(data, { rect: box }); // luma comes first, and rows without gaps

@@ -5,6 +5,7 @@
 
 import { transfer, wrap } from "comlink";
 import { rateOf } from "./frames.js";
+import { addressOf, checkVersion } from "./site.js";
 
 /** @import { Remote } from "comlink" */
 /** @import { Pixels } from "./frames.js" */
@@ -54,7 +55,7 @@ export class Reception {
     this.busy = /** @type {Promise<void> | null} */ (null);
     /** The newest frame that came while the worker was busy, and its time in seconds. */
     this.waiting = /** @type {{ pixels: Pixels, time: number } | null} */ (null);
-    const worker = new Worker(new URL("worker.js", document.baseURI), { type: "module" });
+    const worker = new Worker(addressOf("worker.js"), { type: "module" });
     worker.onerror = (event) => {
       event.preventDefault();
       this.fail(event.message || "its program could not be loaded");
@@ -67,6 +68,7 @@ export class Reception {
   /** Have the worker's programs loaded, and run once before frames come. */
   async prepare() {
     await this.worker.load();
+    await checkVersion();
     this.isLoaded = true;
     this.listener.loaded();
     await this.worker.warm();

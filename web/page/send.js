@@ -1,11 +1,16 @@
 /** The page that sends: what is chosen, and what its buttons do. A worker makes the loop. */
 
 import { wrap } from "comlink";
+import { encodeQR } from "qr";
 import { codeAuthenticate, senderCompact } from "../generated/constants.js";
 import { framesNeeded } from "../port/link/code/framing.js";
 import { InputError } from "../port/link/errors.js";
+import { failureOf } from "./advice.js";
 import { openFilm, openPicture, pixelsOf, sizeOf } from "../port/sender/picture.js";
-import { addressOf, download, keepForOffline, load } from "./site.js";
+import {
+  addressOf, checkVersion, download, keepForOffline, load, remember, remembered, RENEWED, started,
+} from "./site.js";
+import { linkOf } from "./text.js";
 
 /** @import { Remote } from "comlink" */
 /** @import { SendPreset } from "../port/sender/loop.js" */
@@ -20,17 +25,26 @@ const byId = (id) => document.getElementById(id);
 const worker = wrap(new Worker(addressOf("sending.js"), { type: "module" }));
 /** What is shown; each new one takes its place. */
 let picture = drawn("noon");
-/** Whether the visitor was asked whether what flickers may play, and agreed. */
-let agreed = false;
+/** The worst that the visitor was warned of before it played, and agreed to; else empty. */
+let agreed = "";
+/** Share of refreshes that a display may skip without a word. */
+const FEW_SKIPPED = 0.05;
+/** Modules of white around a QR code (ISO/IEC 18004). */
+const QUIET = 4;
+/** Name by which the address of the page that reads is remembered. */
+const READER = "reader";
 
-/** @param {string} text - what is said to the visitor */
-function say(text) {
+/** @param {string} text - what is said to the visitor @param {boolean} [isError] */
+function say(text, isError = false) {
   byId("status").textContent = text;
+  byId("status").classList.toggle("error", isError);
 }
 
 /** @param {unknown} error */
 function sayError(error) {
-  say(error instanceof InputError ? error.message : `This did not work: ${error}`);
+  const why = error instanceof Error ? error.message : String(error);
+  const unknown = why === RENEWED ? failureOf(why).join(": ") : `This did not work: ${why}`;
+  say(error instanceof InputError ? why : unknown, true);
 }
 
 /** @returns {SendPreset} */
@@ -40,17 +54,17 @@ function chosen() {
 
 // ---- The picture
 
-/** A picture, or a film and its first picture. @typedef {{ still: ImageBitmap, film?: File,
- *   size?: number[] }} Carrier */
+/** A picture, or a film and its first picture, and what is to be said of it. @typedef {{
+ *   still: ImageBitmap, note?: string, film?: File, size?: number[] }} Carrier */
 
 /** @param {string} name @returns {Promise<Carrier>} a picture that comes with the page */
 async function drawn(name) {
-  return { still: await openPicture(await (await load(`${name}.jpg`)).blob()) };
+  return openPicture(await (await load(`${name}.jpg`)).blob(), [0, 0]);
 }
 
 /** @param {File} file @returns {Promise<Carrier>} */
 async function opened(file) {
-  return file.type.startsWith("video/") ? openFilm(file) : { still: await openPicture(file) };
+  return file.type.startsWith("video/") ? openFilm(file) : openPicture(file, chosen().size);
 }
 
 /** @param {Promise<Carrier>} next - what is shown from now on */
@@ -58,13 +72,14 @@ async function take(next) {
   const before = picture;
   const mine = (picture = next.catch(() => before));
   try {
-    const { still: given } = await next;
+    const { still: given, note = "" } = await next;
     if (mine !== picture) return;
     const preview = byId("preview");
     [preview.width, preview.height] = [given.width, given.height];
     preview.getContext("2d").drawImage(given, 0, 0);
-    say("");
+    say(note);
   } catch (error) {
+    for (const id of ["picture", "camera"]) byId(id).value = ""; // which is not what is shown
     sayError(error);
   }
 }
@@ -102,22 +117,32 @@ function numberOf(number) {
   return number.toLocaleString("en", { maximumFractionDigits: 1 });
 }
 
-/** Say what the preset needs, and how long a loop lasts. */
+/** Say what the preset needs, and how long a loop lasts: in a few words, and in numbers. */
 function sayCost() {
   const { purpose, needs_fps, better_fps, seen, distance_m, longest_bytes, n_bits, loop } = chosen();
-  const reader = chosen().read_by_page ? "" : " No page reads it, but python -m receiver does.";
   const size = length();
   const pairs = framesNeeded(Math.min(Math.max(size, 1), longest_bytes), n_bits);
   const [file] = byId("file").files;
-  const message = file ? `The file “${file.name}”, sent in place of the text,` : "The message";
+  const seconds = numberOf(Math.max(1, Math.round((2 * pairs) / loop.state_hz)));
+  byId("cost").textContent = [
+    seen < 1 ? "Nobody sees the message from an arm's length away." : "People see that it flickers.",
+    !chosen().read_by_page
+      ? "No page reads it, but python -m receiver does."
+      : better_fps > 60
+        ? "Phones read it, best with many frames a second."
+        : "Any phone reads it.",
+    `It comes round every ${seconds === "1" ? "second" : `${seconds} seconds`}.`,
+    file ? `The file “${file.name}” is sent in place of the text.` : "",
+    size > longest_bytes ? "The message is too long for this choice." : "",
+  ].join(" ");
   const flicker = seen < 1 ? "stays below" : `is ${numberOf(seen)} times`;
   const better = better_fps > needs_fps ? `, better ${better_fps}` : "";
-  byId("cost").textContent =
+  byId("numbers").textContent =
     `${purpose} Its flicker ${flicker} what is just seen from ${distance_m} m. ` +
-    `It needs a camera of ${needs_fps} frames a second${better}.${reader} ` +
-    `${message} has ${numberOf(size)} of at most ${numberOf(longest_bytes)} bytes, and comes ` +
+    `It needs a camera of ${needs_fps} frames a second${better}. ` +
+    `The message has ${numberOf(size)} of at most ${numberOf(longest_bytes)} bytes, and comes ` +
     `round every ${numberOf((2 * pairs) / loop.state_hz)} s.`;
-  byId("flicker").hidden = !loop.flicker;
+  byId("flicker").hidden = !loop.flicker[0][1];
 }
 
 byId("text").addEventListener("input", () => (byId("file").value = "")); // the later choice counts
@@ -156,9 +181,10 @@ async function makeLoop() {
  */
 async function signatureOf(file) {
   if (!file) return null;
-  const counter = byId("counter").value;
-  const stamp = counter === "" ? Math.floor(Date.now() / 1000) : Number(counter);
-  if (!(Number.isInteger(stamp) && stamp >= 0 && stamp <= MAX_STAMP)) {
+  const { value: counter, validity } = byId("counter");
+  const isEmpty = counter === "" && !validity.badInput; // as of "e"
+  const stamp = isEmpty ? Math.floor(Date.now() / 1000) : Number(counter);
+  if (validity.badInput || !(Number.isInteger(stamp) && stamp >= 0 && stamp <= MAX_STAMP)) {
     throw new InputError(`The counter is a whole number from 0 to ${MAX_STAMP}.`);
   }
   if (!(file.size >= MIN_KEY_BYTES && file.size <= MAX_KEY_BYTES)) {
@@ -167,14 +193,34 @@ async function signatureOf(file) {
   return { key: new Uint8Array(await file.arrayBuffer()), stamp };
 }
 
+/**
+ * Say where people find the page that reads.
+ *
+ * @returns {{ reader?: string, code?: string[] }} the address, and the same as a QR code
+ * @throws {InputError} what was given is no address
+ */
+function readerOf() {
+  const given = byId("reader").value.trim();
+  const reader = linkOf(given)?.href;
+  if (!reader && (given || byId("reader").validity.badInput)) {
+    throw new InputError("The address of the page that reads begins with https:// or http://.");
+  }
+  remember(READER, given);
+  if (!reader) return {};
+  if (!byId("code").checked) return { reader };
+  const rows = encodeQR(reader, "raw", { border: QUIET });
+  return { reader, code: rows.map((row) => row.map(Number).join("")) };
+}
+
 /** @param {string} id - of a button @param {(loop: any) => unknown} use - is given the loop */
 function onClick(id, use) {
   byId(id).addEventListener("click", async () => {
     for (const name of ["show", "save"]) byId(name).disabled = true;
     say("Preparing");
     try {
-      const loop = await makeLoop();
-      if (location.protocol === "https:") loop.reader = addressOf("./");
+      const reader = readerOf();
+      await checkVersion();
+      const loop = Object.assign(await makeLoop(), reader);
       say("");
       await use(loop);
     } catch (error) {
@@ -211,7 +257,7 @@ function base64Of(file) {
 }
 
 onClick("show", async (loop) => {
-  if (agreed) loop.flicker = "";
+  loop.agreed = agreed;
   const frame = document.createElement("iframe");
   const allow = "autoplay; fullscreen; screen-wake-lock";
   Object.assign(frame, { src: "player.html", title: "The display", allow });
@@ -235,9 +281,13 @@ function endShow() {
   if (!frame) return;
   const { player, stats } = /** @type {any} */ (frame).contentWindow;
   if (player?.ready && player.agreed) {
-    agreed ||= /** @type {any} */ (window).loop.flicker !== "";
-    const rate = `${player.rate.toFixed(1)} states a second, at ${stats.hz.toFixed(1)} refreshes`;
-    say(`Shown with ${rate}; ${stats.dropped} refreshes were skipped.`);
+    agreed = player.agreedTo;
+    const skipped = stats.dropped / Math.max(1, stats.refreshes);
+    const often = `It skipped ${Math.round(100 * skipped)} % of its refreshes, so it is read slowly.`;
+    say(
+      `Shown with ${player.rate.toFixed(1)} states a second.` +
+        (skipped > FEW_SKIPPED ? ` ${often} Close other programs.` : ""),
+    );
   }
   byId("stage").replaceChildren();
   showStage(false);
@@ -251,6 +301,10 @@ document.addEventListener("fullscreenchange", () => {
 
 byId("preset").append(...SENT.map(({ name, purpose }) => new Option(purpose.split(":")[0], name)));
 byId("preset").value = "hidden";
+const isLocal = /^(localhost|127\.|\[::1\]|0\.0\.0\.0)/.test(location.hostname);
+byId("reader").value = remembered(READER) || (isLocal ? "" : new URL("./", location.href).href);
+byId("local").hidden = !isLocal;
+started();
 void take(picture);
 sayCost();
 void keepForOffline();

@@ -2,7 +2,7 @@
  * Keeps all pages on the device, so that they open without a network.
  *
  * build.mjs lists the files and changes the version whenever one of them changes. A new version is
- * loaded as a whole, and takes over when the page is opened next.
+ * loaded as a whole, and takes over at once; pages that are open notice by version.txt.
  */
 
 const scope = /** @type {any} */ (self);
@@ -19,11 +19,26 @@ const WORKER_POLICY =
 scope.addEventListener("install", (/** @type {any} */ event) => {
   event.waitUntil(
     caches.open(CACHE).then(async (cache) => {
-      await cache.addAll(FILES.map((name) => new Request(name, { cache: "no-cache" })));
+      await Promise.all(FILES.map((name) => keep(cache, name)));
+      const kept = await cache.match("version.txt");
+      if ((await kept?.text()) !== VERSION) throw new Error("the site is being renewed");
       await scope.skipWaiting();
     }),
   );
 });
+
+/**
+ * Keep a file. Where the host redirects its address, what it leads to is kept: browsers refuse to
+ * show a page whose response was redirected.
+ *
+ * @param {Cache} cache
+ * @param {string} name
+ */
+async function keep(cache, name) {
+  const { ok, body, headers } = await fetch(name, { cache: "no-cache" });
+  if (!ok) throw new Error(`${name} is missing on the server`);
+  await cache.put(name, new Response(body, { headers }));
+}
 
 scope.addEventListener("activate", (/** @type {any} */ event) => {
   event.waitUntil(
@@ -38,8 +53,8 @@ scope.addEventListener("fetch", (/** @type {any} */ event) => {
   const { request } = event;
   const root = new URL(scope.registration.scope).pathname;
   const name = new URL(request.url).pathname.slice(root.length);
-  const known = name === "" ? "index.html" : name;
-  if (request.method !== "GET" || !FILES.includes(known)) return;
+  const known = [name, `${name || "index"}.html`].find((each) => FILES.includes(each)); // as of "send"
+  if (request.method !== "GET" || known === undefined) return;
   event.respondWith(
     caches.open(CACHE).then(async (cache) => {
       const kept = await cache.match(known);

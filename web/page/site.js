@@ -1,8 +1,16 @@
 /** Files of the site, and files that it makes. */
 
-/** @param {string} name @returns {string} address of a file of the site */
+/** Why the files of an older build are given up; who sees it needs the newer ones. */
+export const RENEWED = "this page is older than what its server has now";
+
+/** @param {string} name @returns {string} address of a file of the site, of this page's build */
 export function addressOf(name) {
-  return new URL(name, self.location.href).href;
+  return new URL(`${name}?v=${VERSION}`, self.location.href).href;
+}
+
+/** Take away what is said where the page's program does not run. */
+export function started() {
+  document.getElementById("trouble")?.remove();
 }
 
 /**
@@ -10,17 +18,47 @@ export function addressOf(name) {
  *
  * @param {string} name
  * @returns {Promise<Response>}
- * @throws {Error} it is not there
+ * @throws {Error} it is not there, or the site was built anew since this page was opened
  */
 export async function load(name) {
   const response = await fetch(addressOf(name));
   if (!response.ok) throw new Error(`${name} is missing on the server`);
+  await checkVersion();
   return response;
+}
+
+/**
+ * Make sure that the site's files are those that this page was built with.
+ *
+ * @throws {Error} they are not
+ */
+export async function checkVersion() {
+  const response = await fetch(addressOf("version.txt"), { cache: "no-store" });
+  if (response.ok && (await response.text()) !== VERSION) throw new Error(RENEWED);
+}
+
+/** @param {string} name @returns {string} what was remembered by this name; empty where nothing was */
+export function remembered(name) {
+  try {
+    return localStorage.getItem(name) ?? "";
+  } catch {
+    return ""; // where pages may keep nothing
+  }
+}
+
+/** @param {string} name @param {string} value - is remembered on this device */
+export function remember(name, value) {
+  try {
+    localStorage.setItem(name, value);
+  } catch {
+    // it is chosen anew next time
+  }
 }
 
 /** Keep all pages on the device; they work without this as long as there is a network. */
 export async function keepForOffline() {
-  await navigator.serviceWorker?.register(addressOf("serviceWorker.js")).catch(() => {});
+  const address = new URL("serviceWorker.js", self.location.href).href; // whose name stays the same
+  await navigator.serviceWorker?.register(address).catch(() => {});
 }
 
 /**

@@ -1,4 +1,4 @@
-/** What is said of a message, and links in it. */
+/** What is said of a message, links in it, and sentences. */
 
 /** Number of bytes of a message that a note shows. */
 const SHOWN_BYTES = 16;
@@ -20,6 +20,11 @@ export function noteOf(data, text) {
   const withoutUsual = text.replace(/[\n\r\t\u200d]/gu, ""); // \u200d joins emoji
   if (!/[\p{Cc}\p{Cf}]/u.test(withoutUsual)) return "";
   return "It holds characters that cannot be seen or that turn the direction of writing.";
+}
+
+/** @param {string} text @returns {string} with a capital letter first and a full stop last */
+export function sentence(text) {
+  return text && `${text[0].toUpperCase()}${text.slice(1)}.`;
 }
 
 /**

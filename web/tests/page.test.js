@@ -5,7 +5,7 @@ import { test } from "node:test";
 
 import { expose } from "comlink";
 import { turned } from "../port/image/turned.js";
-import { adviceFor, barOf, shareOf, stateOf } from "../page/advice.js";
+import { adviceFor, barOf, failureOf, shareOf, stateOf } from "../page/advice.js";
 import { shortenExposure } from "../page/camera.js";
 import { risingTimes } from "../page/films.js";
 import { rateOf } from "../page/frames.js";
@@ -14,8 +14,11 @@ import { Reception } from "../page/reception.js";
 import { linkOf, noteOf } from "../page/text.js";
 import { AWAKE_S, LOOK_S, Rests } from "../port/receiver/rests.js";
 
-/** @param {string} format @param {boolean | null} fullRange @param {Uint8Array} data */
-function frameOf(format, fullRange, data) {
+/**
+ * @param {string} format @param {boolean | null} fullRange @param {Uint8Array} data
+ * @param {object[]} [planes] - that are copied
+ */
+function frameOf(format, fullRange, data, planes = [{}]) {
   const visibleRect = { x: 0, y: 0, width: 3, height: 2 };
   let isClosed = false;
   const frame = {
@@ -25,6 +28,7 @@ function frameOf(format, fullRange, data) {
     allocationSize: () => data.length,
     async copyTo(/** @type {Uint8Array} */ into) {
       into.set(data);
+      return planes;
     },
     close: () => (isClosed = true),
     isClosed: () => isClosed,
@@ -53,6 +57,16 @@ test("colours become luma, wherever the browser has them", async () => {
   const data = Uint8Array.from({ length: 24 }, (_, i) => (i * 53) % 256);
   const plane = await planeOfFrame(frameOf("BGRX", null, data));
   assert.deepEqual(plane, planeOfRgba({ width: 3, height: 2, data }));
+  const drawImage = () => {};
+  const context = { drawImage, getImageData: () => ({ data }) };
+  Object.assign(globalThis, { OffscreenCanvas: class { getContext = () => context; } });
+  for (const [copied, planes] of [
+    [new Uint8Array(24), [{}, {}, {}]],
+    [new Uint8Array(36), [{}]],
+  ]) {
+    const ignorant = frameOf("I422P10", null, /** @type {any} */ (copied), /** @type {any} */ (planes));
+    assert.deepEqual(await planeOfFrame(ignorant), plane); // drawn, as no colours were copied
+  }
 });
 
 test("times tell the rate, and missing frames count", () => {
@@ -87,7 +101,8 @@ async function receptionOf(take) {
   const Worker = function () {
     return port1;
   };
-  Object.assign(globalThis, { Worker, document: { baseURI: "http://localhost/" } });
+  const fetch = async () => new Response("1");
+  Object.assign(globalThis, { Worker, VERSION: "1", fetch, self: { location: { href: "http://localhost/" } } });
   const reception = new Reception(/** @type {any} */ (listener));
   while (!reception.isReady) await new Promise((resolve) => setTimeout(resolve));
   return { reception, heard, port: port1 };
@@ -199,6 +214,17 @@ test("advice says what would help, and waits before it does", () => {
   const bars = steps.map((step) => barOf({ ...lost, ...step }));
   assert.ok(bars[0] === 0 && bars.every((bar, i) => i === 0 || bar > bars[i - 1]));
   assert.ok(barOf({ ...sight, progress: 1.3 }) < 1);
+});
+
+test("why the receiver will not work is said without jargon", () => {
+  for (const [reason, said] of [
+    ["WebAssembly.instantiate(): Compiling or instantiating WebAssembly module violates the following Content Security policy directive because neither 'wasm-eval' nor 'unsafe-eval' is an allowed source", /server forbids/],
+    ["call to WebAssembly.instantiate() blocked by CSP", /server forbids/],
+    ["this page is older than what its server has now", /renewed: .*Reload/],
+    ["no WebAssembly", /in this browser: No WebAssembly\. Try/],
+  ]) {
+    assert.match(failureOf(/** @type {string} */ (reason)).join(": "), /** @type {RegExp} */ (said));
+  }
 });
 
 test("frames are exposed for a shorter time, and the gain makes up for it", async () => {

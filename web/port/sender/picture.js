@@ -1,6 +1,6 @@
 /** Pictures that carry the message. */
 
-import { images, placement, senderCompact } from "../../generated/constants.js";
+import { images, placement, senderCompact, senderPictures } from "../../generated/constants.js";
 import { roundHalfEven } from "../image/round.js";
 import { InputError } from "../link/errors.js";
 
@@ -9,16 +9,19 @@ import { InputError } from "../link/errors.js";
 const { BYTES_PER_PIXEL, MAX_MEGAPIXELS, MIN_SIDE_PX, SPARE_BYTES } = images;
 const { MAX_ASPECT, USUAL_DISPLAY } = placement;
 const { MAX_FILM_BYTES } = senderCompact;
+/** Gray levels by which a pixel may come back otherwise than it was drawn: some browsers add noise. */
+const NOISE = 2;
 const MAX_BYTES = 1e6 * MAX_MEGAPIXELS * BYTES_PER_PIXEL + SPARE_BYTES;
 
 /**
- * Open a file as a picture.
+ * Open a file as a picture, in the colours of sRGB.
  *
  * @param {Blob} file
- * @returns {Promise<ImageBitmap>}
+ * @param {number[]} least - width and height of the preset's layout
+ * @returns {Promise<{ still: ImageBitmap, note: string }>} the picture, and what is to be said of it
  * @throws {InputError} it is no picture that can be shown
  */
-export async function openPicture(file) {
+export async function openPicture(file, least) {
   if (file.size > MAX_BYTES) throw new InputError("This file is too large for a picture.");
   if (/svg|xml/.test(file.type)) throw new InputError("Drawings (SVG) are not read. Save it as PNG.");
   const image = new Image();
@@ -27,13 +30,27 @@ export async function openPicture(file) {
     await new Promise((resolve, reject) => Object.assign(image, { onload: resolve, onerror: reject }));
     const { naturalWidth: width, naturalHeight: height } = image; // known before pixels are decoded
     check(width, height);
-    return shrunk(await createImageBitmap(file, { colorSpaceConversion: "none" })); // as Python reads
+    const coarse = sizeOf({ width, height }, least)[0] / width >= senderPictures.COARSE;
+    const notes = [
+      (await isAnimated(file)) ? "Only the first picture of this animation is shown." : "",
+      coarse ? "This picture is small, and looks coarse." : "",
+    ];
+    const still = await shrunk(await createImageBitmap(file));
+    return { still, note: notes.filter(Boolean).join(" ") };
   } catch (error) {
     if (error instanceof InputError) throw error;
     throw new InputError("This file is no picture that this browser can read.");
   } finally {
     URL.revokeObjectURL(image.src);
   }
+}
+
+/** @param {Blob} file @returns {Promise<boolean>} whether it is an animated GIF, PNG, WebP or AVIF */
+async function isAnimated(file) {
+  const text = new TextDecoder("latin1").decode(await file.slice(0, 2 ** 23).arrayBuffer());
+  const kind = /^(?:GIF8|.PNG|RIFF....WEBP|....ftypavis)/s.exec(text)?.[0] ?? "";
+  if (kind === "GIF8") return (text.match(/\x21\xf9\x04....\0[\x21\x2c]/gs) ?? []).length > 1;
+  return /PNG/.test(kind) ? text.includes("acTL") : /WEBP/.test(kind) ? text.includes("ANIM") : kind !== "";
 }
 
 /**
@@ -101,6 +118,33 @@ export function sizeOf({ width, height }, least) {
 }
 
 /**
+ * Make sure that a canvas gives what was drawn on it. Browsers that guard against fingerprints may
+ * give white or noise.
+ *
+ * @param {CanvasRenderingContext2D} context
+ * @throws {InputError} it gives something else
+ */
+function checkCanvas(context) {
+  const colours = [[255, 0, 0], [0, 255, 0], [0, 0, 255], [40, 90, 160], [0, 0, 0], [200, 120, 30]];
+  colours.forEach((colour, x) => {
+    context.fillStyle = `rgb(${colour})`;
+    context.fillRect(x, 0, 1, 1);
+  });
+  const refused = new InputError(
+    "This browser gives pages other pixels than those of a picture, to guard against being " +
+      "recognised. Allow this page to read canvases, or take another browser.",
+  );
+  let given;
+  try {
+    given = context.getImageData(0, 0, colours.length, 1).data;
+  } catch {
+    throw refused;
+  }
+  const isTrue = colours.flat().every((level, i) => Math.abs(given[4 * Math.floor(i / 3) + (i % 3)] - level) <= NOISE);
+  if (!isTrue) throw refused;
+}
+
+/**
  * Take the pixels of a picture, at the size at which it is shown.
  *
  * @param {ImageBitmap} given
@@ -112,6 +156,7 @@ export function pixelsOf(given, least) {
   [canvas.width, canvas.height] = sizeOf(given, least);
   const context = canvas.getContext("2d", { willReadFrequently: true, colorSpace: "srgb" });
   if (!context) throw new Error("the browser gives no canvas");
+  checkCanvas(context);
   context.fillStyle = "#fff"; // shows where the picture is transparent
   context.fillRect(0, 0, canvas.width, canvas.height);
   context.imageSmoothingQuality = "high";

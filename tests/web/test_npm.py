@@ -1,0 +1,205 @@
+"""The npm package: what it refuses, and applications that bundlers make of it."""
+
+import json
+import re
+import shutil
+import subprocess
+import tarfile
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from browser import serve_folder
+from conftest import OpenWindow, run_process
+from pilot_films import TEXT, robust_film
+
+from web.host.site import WEB
+from web.package.npm import write_npm_package
+
+NEEDED = ("@noble", "@types", "onnxruntime-web", "onnxruntime-common")
+"""Packages that npm would install beside it."""
+ORT = WEB / "node_modules" / "onnxruntime-web" / "dist"
+"""Where onnxruntime's files lie, which an application serves."""
+
+
+@pytest.fixture(scope="module")
+def package(node: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of an application that has installed the package."""
+    folder = tmp_path_factory.mktemp("npm")
+    with tarfile.open(write_npm_package(folder)) as archive:
+        archive.extractall(folder, filter="data")
+    modules = folder / "node_modules"
+    modules.mkdir()
+    (folder / "package").rename(modules / "oorc-receiver")
+    for name in NEEDED:
+        (modules / name).symlink_to(WEB / "node_modules" / name)
+    return folder
+
+
+REFUSED = """
+import { load, InputError, Receiver } from "oorc-receiver";
+const [W, H] = [64, 48];
+const data = Uint8Array.from({ length: W * H }, (_, i) => (i * 7919) % 251);
+const good = { width: W, height: H, data };
+const of = (...given) => new Receiver(...given);
+const push = (frame, time = 0) => of(30).push(frame, time);
+const pushes = async (...times) => {
+  const receiver = of(30);
+  for (const time of times) await receiver.push(good, time);
+};
+const told = [];
+const tell = async (task) => {
+  try {
+    await task();
+    told.push("none");
+  } catch (error) {
+    const isOne = error instanceof InputError && !error.message.includes("\\n");
+    told.push(isOne ? error.code : `${error}`);
+  }
+};
+await tell(() => of(30));
+await tell(() => load("file:///nothing/"));
+await load();
+const frames = [
+  null, undefined, {}, { ...good, data: data.subarray(9) }, { ...good, width: 64.5 },
+  { ...good, data: new Float32Array(W * H) }, { ...good, data: Array(W * H).fill(3) },
+  { ...good, width: "64" }, { ...good, width: NaN }, { ...good, width: -W, height: -H },
+  { width: 4, height: 4, data: new Uint8Array(16) }, { ...good, data: new Uint8Array(3 * W * H) },
+];
+for (const frame of frames) await tell(() => push(frame));
+told.push("|");
+for (const time of [NaN, Infinity, "1", 1n, null, {}]) await tell(() => push(good, time));
+await tell(() => pushes(1, 1));
+await tell(() => pushes(0, 33, 67, 100));
+told.push("|");
+const key = new Uint8Array(16);
+const settings = [
+  null, { models: "robust" }, { models: [] }, { models: ["paper"] }, { key: "x".repeat(20) },
+  { key: key.subarray(9) }, { maxAgeS: 4 }, { key, maxAgeS: NaN }, { frameMs: -1 },
+];
+for (const fps of [0, NaN, "30", undefined, Infinity]) await tell(() => of(fps));
+for (const options of settings) await tell(() => of(30, options));
+told.push("|");
+for (const task of ["finish", "push"]) {
+  const receiver = of(30);
+  await receiver.finish();
+  await tell(() => receiver[task](good, 1));
+}
+const taken = [1, 1.5, 4].map((size) => new Uint8ClampedArray(size * W * H));
+for (const data of taken) await tell(() => push({ ...good, data }));
+console.log(JSON.stringify(told));
+"""
+
+
+@pytest.mark.slow
+def test_all_that_is_wrong_is_refused_at_the_door_with_a_code(package: Path) -> None:
+    (package / "refused.mjs").write_text(REFUSED)
+    told = json.loads(run_process("node", "refused.mjs", cwd=package).stdout)
+    assert told == [
+        *["load"] * 2,
+        *["frame"] * 12,
+        "|",
+        *["time"] * 8,
+        "|",
+        *["argument"] * 14,
+        "|",
+        *["finished"] * 2,
+        *["none"] * 3,
+    ]
+
+
+APP = """
+import { LiveReceiver } from "oorc-receiver/live.js";
+const film = new Uint8Array(await (await fetch("film.gray")).arrayBuffer());
+const worker = WORKER;
+const live = new LiveReceiver(30, (event) => {
+  if (event.event === "message") document.title = event.text;
+}, { folder: "receiver/", models: ["robust"], ...(worker ? { worker } : {}) });
+const [width, height] = [640, 480];
+for (let at = 0; at < film.length / (width * height); at++) {
+  const data = film.slice(at * width * height, (at + 1) * width * height);
+  const before = performance.now();
+  live.push({ width, height, data }, at / 30);
+  window.slowest = Math.max(window.slowest ?? 0, performance.now() - before);
+  while (live.isBusy) await new Promise((resolve) => setTimeout(resolve, 20));
+}
+await live.finish();
+document.title ||= await live.explanation();
+"""
+VITE = """
+export default {
+  optimizeDeps: { exclude: ["oorc-receiver"] },
+  worker: { format: "es" },
+  build: { target: "es2022" },
+  server: { fs: { strict: false } }, // as packages of this test are links
+};
+"""
+"""What docs/embed.md tells users of vite, but for the last line."""
+ESBUILD = ("--bundle", "--format=esm", "--splitting", "--outdir=esbuilt", "--external:fs",
+           "--external:path", "--external:crypto")  # fmt: skip
+
+
+@pytest.mark.exhaustive
+def test_applications_of_vite_and_esbuild_read_a_film(
+    package: Path, tmp_path: Path, open_window: OpenWindow
+) -> None:
+    """Install vite from npm into a folder of its own, and bundle docs/embed.md's application.
+
+    It takes half a minute and npm's registry; `.github/workflows/tests.yml` runs it.
+    """
+    found = run_process("npm", "view", "vite", "version", status=None)
+    if found.status:
+        pytest.skip("npm's registry cannot be reached")
+    (tmp_path / "package.json").write_text('{"type": "module"}')
+    npm = ("npm", "install", "--no-audit", "--no-fund", "--silent", "vite@7")
+    run_process(*npm, cwd=tmp_path)
+    for name in ("oorc-receiver", *NEEDED):
+        if not (tmp_path / "node_modules" / name).exists():
+            (tmp_path / "node_modules" / name).symlink_to(package / "node_modules" / name)
+    public = tmp_path / "public"
+    shutil.copytree(package / "node_modules" / "oorc-receiver", public / "receiver")
+    for kind in ("wasm", "mjs"):
+        shutil.copy(ORT / f"ort-wasm-simd-threaded.{kind}", public / "receiver")
+    (public / "film.gray").write_bytes(b"".join(each.tobytes() for each in robust_film(36)[0]))
+    (tmp_path / "index.html").write_text(
+        '<title></title><script type="module" src="main.js"></script>'
+    )
+    (tmp_path / "vite.config.js").write_text(VITE)
+    (tmp_path / "main.js").write_text(APP.replace("WORKER", "null"))
+    run_process("npx", "vite", "build", cwd=tmp_path)
+    with serve_folder(tmp_path / "dist") as url:
+        check_reads(url, open_window(300, 200))
+    vite = [tmp_path / "node_modules" / ".bin" / "vite"]
+    with subprocess.Popen(vite, cwd=tmp_path, stdout=subprocess.PIPE, text=True) as server:
+        assert server.stdout is not None
+        lines = iter(server.stdout.readline, "")
+        url = next(
+            found[0]
+            for line in lines
+            if (found := re.search(r"http://localhost:\d+/", re.sub(r"\x1b\[\d+m", "", line)))
+        )
+        check_reads(url, open_window(300, 200))
+        server.terminate()
+    own = 'new Worker("worker.js", { type: "module" })'
+    (tmp_path / "main.js").write_text(APP.replace("WORKER", own))
+    worker = "node_modules/oorc-receiver/worker.js"
+    esbuild = str(WEB / "node_modules" / ".bin" / "esbuild")
+    run_process(esbuild, "main.js", f"worker={worker}", *ESBUILD, cwd=tmp_path)
+    shutil.copytree(tmp_path / "esbuilt", public, dirs_exist_ok=True)
+    shutil.copy(tmp_path / "index.html", public)
+    with serve_folder(public) as url:
+        check_reads(url, open_window(300, 200))
+
+
+def check_reads(url: str, page: Any) -> None:
+    """Open an application, and wait until it has read the film, while pushing never took long."""
+    page.on("pageerror", lambda error: print(error))
+    page.on("console", lambda message: print(message.text))
+    page.goto(url)
+    deadline = time.monotonic() + 60
+    while not page.title():
+        assert time.monotonic() < deadline
+        page.wait_for_timeout(100)
+    assert page.title() == TEXT.decode()
+    assert page.evaluate("slowest") < 100
