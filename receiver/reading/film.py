@@ -25,6 +25,9 @@ WINDOW, FINE_WINDOW = 32, 24
 """Largest number of frames in a window, and in one of a fine grid, which takes longer."""
 LEAST_FRAMES = 8
 """Smallest number of frames in a window: its mean is the reference."""
+LEARNT = 12
+"""Largest number of frames of a window that tell where the corners lie. It bounds the work; frames
+of a window that were not learned from tell little that its newest do not."""
 MOST_WAITING = 36
 """Largest number of frame pairs that are read by one window."""
 MOST_PAIRS = 64
@@ -159,7 +162,7 @@ class FilmReader:
                 self._scored.append(ReadPair(number, soft, InWindow(window, number - first)))
         self._next = done[-1] + 1
         old = sum(frame.time <= self._scored_at for frame in frames[begin:end])
-        self._correct(frames[begin:end], window, scores, max(0, old - 1))
+        self._correct(frames[begin:end], window, scores, max(0, old - 1, end - begin - LEARNT))
         self._scored_at = now
         told = [f.time for f in frames if clock.number(f.time + clock.latest) < 2 * self._next]
         self._told_until = max([self._told_until, *told])

@@ -18,7 +18,7 @@ import { CornerShift } from "../tracking/corners.js";
 /** @typedef {import("../sight.js").StageTimes} StageTimes */
 
 export const { WINDOW, LEAST_FRAMES, FINE_BLOCKS, STRIDE_S } = receiverReadingFilm;
-const { FINE_WINDOW, MISSED, FRESH_FRAMES, MOST_PAIRS, MOST_WAITING } = receiverReadingFilm;
+const { FINE_WINDOW, MISSED, FRESH_FRAMES, LEARNT, MOST_PAIRS, MOST_WAITING } = receiverReadingFilm;
 const { MESH, MOST_WHOLE } = receiverSeen;
 const { SHRINK } = modelsFilmWindow;
 const MESH_POINTS = Array.from(
@@ -235,7 +235,7 @@ export class FilmReader {
     }
     const next = (this.#next = done[done.length - 1] + 1);
     const old = times.filter((time) => time <= this.#scoredAt).length;
-    this.#correct(window, mixture, scores, Math.max(0, old - 1));
+    this.#correct(window, mixture, scores, Math.max(0, old - 1, window.length - LEARNT));
     this.#scoredAt = now;
     for (const { time } of frames) {
       if (clock.number(time + clock.latest) < 2 * next) {
