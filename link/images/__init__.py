@@ -40,7 +40,8 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 LUMA = (0.299, 0.587, 0.114)
 """Weights of red, green and blue in the luma of an encoded image (ITU-R BT.601)."""
 if "OPENCV_LOG_LEVEL" not in os.environ:  # our one line says what is wrong
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    # 0 is silent; cv2.utils.logging came with 4.13, and OpenCV 5 has it alone
+    (getattr(cv2, "setLogLevel", None) or cv2.utils.logging.setLogLevel)(0)
 
 
 def as_gray(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
