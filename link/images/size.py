@@ -170,7 +170,7 @@ def _jpeg_scans(data: bytes) -> int:
 
 
 def _png_chunks(data: bytes) -> Iterator[tuple[bytes, int, int]]:
-    """Name, length and place of the content of each chunk that a PNG file could hold, to its end."""
+    """Name, length and place of the content of each chunk that a PNG file could hold."""
     at = len(PNG)
     while at + 12 <= len(data):  # each has a length, a name, content, and a checksum
         name, length = data[at + 4 : at + 8], int.from_bytes(data[at : at + 4], "big")
