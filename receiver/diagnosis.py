@@ -46,7 +46,7 @@ WORDS = {
     "nothing, bright": ", {clipped:.0%} of whose pixels are at the camera's limit: a shorter "
     "exposure",
     "nothing, else": "; check the preset, focus, exposure, that most of the display is in "
-    "view, and that the film is not mirrored",
+    "view, and that the film is not mirrored; flip it if it is",
     "slow": "; this camera takes {fps:.0f} frames a second, and a display with preset {fast} "
     "({fast_hz:g} states a second) needs at least {needed_fps:g}, better {better_fps:g}: film "
     "at a higher rate, which many cameras have at a smaller size, or show fewer states a second",
