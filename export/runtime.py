@@ -57,6 +57,9 @@ OWN_TIME_LIMIT_S = 120.0
 the project, or that a study exported. Other work on the machine may slow it down."""
 TIME_LIMIT_S_PER_MEGAPIXEL = 1.0
 """Seconds that a run may take longer for each million pixels of its frames."""
+NO_KERNEL = "MatmulTransposeFusion"
+"""A step of optimization that onnxruntime leaves out: before version 1.26 it makes products of
+float64 for which there is no kernel, and later versions use it for no product of the decoders."""
 NOWHERE = "/dev/null/nowhere"
 """A folder that cannot exist, where onnxruntime may look for files that a model names."""
 DECODED_CORRELATION = 0.8
@@ -371,7 +374,11 @@ def _session(data: bytes, threads: int, time_limit_s: float) -> onnxruntime.Infe
     try:
         with WATCHDOG.limit(time_limit_s, stop, "loading the model"):
             return onnxruntime.InferenceSession(
-                data, options, providers=["CPUExecutionProvider"], enable_fallback=0
+                data,
+                options,
+                providers=["CPUExecutionProvider"],
+                enable_fallback=0,
+                disabled_optimizers=[NO_KERNEL],
             )
     except ORT_ERRORS:
         if overdue:

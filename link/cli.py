@@ -9,7 +9,7 @@ import io
 import os
 import re
 import sys
-from argparse import ArgumentParser, Namespace
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from itertools import pairwise
@@ -21,6 +21,7 @@ from link import __version__
 from link.code.authenticate import MAX_STAMP
 from link.errors import InputError, ParameterError
 from link.images import MAX_MEGAPIXELS
+from link.layout import MAX_PIXELS, MAX_SIDE_PX
 
 T = TypeVar("T")
 MAX_NUMBER = 10**6
@@ -119,6 +120,25 @@ def add_pixel_limit(parser: ArgumentParser) -> None:
         metavar="N",
         help=f"largest image that is read, in million pixels; {MAX_MEGAPIXELS:g} where absent",
     )
+
+
+def read_size(text: str) -> tuple[int, int]:
+    """Read a size such as 1920x1080, in pixels.
+
+    Raises:
+        ArgumentTypeError: the text is no such size, or larger than any display's.
+    """
+    width, _, height = text.partition("x")
+    try:
+        size = int(width), int(height)
+    except ValueError:
+        size = 0, 0
+    if not all(1 <= side <= MAX_SIDE_PX for side in size) or size[0] * size[1] > MAX_PIXELS:
+        raise ArgumentTypeError(
+            f"need WIDTHxHEIGHT in pixels, such as 1920x1080, each up to {MAX_SIDE_PX}, with up to "
+            f"{MAX_PIXELS:,} in all, got {text:.40}"
+        )
+    return size
 
 
 def check_flags(flags: T) -> T:

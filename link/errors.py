@@ -9,6 +9,10 @@ T = TypeVar("T")
 class InputError(ValueError):
     """Input from outside is wrong; the message says what, and what to do, in one line."""
 
+    code: str = "input"
+    """What is wrong, in a word for programs: one of those that docs/embed.md lists, or ``input``
+    where nothing tells more."""
+
 
 class ParameterError(InputError):
     """One parameter of a function, or the flag of that name of a command, has a wrong value.
@@ -47,6 +51,12 @@ class ParameterError(InputError):
 
 class UnsuitedError(InputError):
     """A frame pair lacks what a method needs, such as ratex patches; other methods may do."""
+
+
+class NoDisplayError(InputError):
+    """Two images do not show both states of one display."""
+
+    code = "no-display"
 
 
 def choose(choices: Mapping[str, T], name: str, what: str) -> T:

@@ -1,6 +1,7 @@
 """Read a message from camera frames: python -m receiver INPUT.
 
-INPUT is a folder of images, a video file or a camera's number; two images are one frame pair.
+INPUT is a folder of images, a video file, a camera (0, /dev/video0) or a stream (rtsp://, http://);
+two images are one frame pair.
 Prints JSON lines: display, clock, pair, message, refused, end.
 """
 
@@ -13,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from link.cli import Parser, add_pixel_limit, check_flags, run_cli
+from link.cli import Parser, add_pixel_limit, check_flags, read_size, run_cli
 from link.code.authenticate import Verifier, read_key
 from link.errors import InputError, ParameterError, at_least
 from link.frames import check_same_size
@@ -21,6 +22,7 @@ from link.images import make_folder, read_image, write_bytes, write_image
 from link.outside import is_no_file
 from link.presets import preset_name
 from models import find_graph
+from receiver.cameras import HIGHEST_FPS, SIZE
 from receiver.decoders import PairDecoder, WindowDecoder, open_decoders
 from receiver.events import Event, PlacedEvent
 from receiver.receiver import Receiver
@@ -30,7 +32,7 @@ from receiver.sources import FPS_HELP, open_source
 from receiver.stream import EventStream, pair_event
 from receiver.tracking.two_images import find_in_both
 
-OF_FILMS = ("fps", "show", "out", "keep_on", "key", "max_age")
+OF_FILMS = ("fps", "camera_size", "camera_fps", "show", "out", "keep_on", "key", "max_age")
 """Flags that have no meaning for two images."""
 KEPT_PICTURES = 50
 """Number of annotated pictures that are kept; later ones replace the oldest, so that an endless
@@ -40,7 +42,8 @@ stream fits a disk."""
 def main() -> None:
     """Print JSON lines until the message is whole or the frames end."""
     parser = Parser(prog="python -m receiver", description=__doc__)
-    kinds = "folder of images, video, or camera's number such as 0; or two images of a frame pair"
+    kinds = "folder of images, video, camera such as 0 or /dev/video0, or address of a stream such "
+    kinds += "as rtsp://HOST/PATH; or two images of a frame pair"
     parser.add_argument("input", nargs="+", metavar="INPUT", help=kinds)
     parser.add_argument(
         "--model",
@@ -50,6 +53,10 @@ def main() -> None:
         "several times; by default those that ship, one for each preset of sender",
     )
     parser.add_argument("--fps", type=float, help=FPS_HELP)
+    usual = "x".join(map(str, SIZE))
+    parser.add_argument("--camera-size", type=read_size, help=f"asked of a camera ({usual})")
+    asked = f"frames a second asked of a camera (the highest that it has, to {HIGHEST_FPS:g})"
+    parser.add_argument("--camera-fps", type=float, help=asked)
     parser.add_argument("--show", type=Path, help="folder for annotated pictures")
     parser.add_argument("--out", type=Path, help="file for the message's bytes")
     parser.add_argument("--scores", action="store_true", help="print each pair's scores, too")
@@ -63,7 +70,7 @@ def main() -> None:
     args = check_flags(parser.parse_args())
     at_least(1, threads=args.threads)
     if len(args.input) > 2:
-        raise InputError("INPUT: give one folder, video or camera, or two images")
+        raise InputError("INPUT: give one folder, video, camera or stream, or two images")
     if len(args.input) == 2:
         for flag in OF_FILMS:
             if getattr(args, flag) != parser.get_default(flag):
@@ -130,7 +137,8 @@ def read_stream(
     Raises:
         InputError: there is no message; says why.
     """
-    source = open_source(args.input[0], args.fps, args.max_megapixels)
+    asked = args.camera_size, args.camera_fps
+    source = open_source(args.input[0], args.fps, args.max_megapixels, *asked)
     stream = EventStream(decoders, source.fps, verifier, args.scores, film)
     image: NDArray[np.uint8] | None = None
     view: SeenFrame | None = None

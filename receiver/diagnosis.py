@@ -22,6 +22,8 @@ LONG = 1.4
 """Length of an exposure, in states, from which a shorter one is advised."""
 CUT = 0.97
 """Share of the display within the image below which it counts as partly in view."""
+DIMMED = ("still", "noise", "weak", "too little")
+"""Reasons, keys of `WORDS`, of which too little light may be the cause."""
 OFTEN = 0.2
 """Share of the frames with the display from which a fault counts as that of the film."""
 PRESET_HZ = {name: preset.state_hz for name, preset in PRESETS.items()}
@@ -43,13 +45,14 @@ WORDS = {
     "display brighter",
     "nothing, bright": ", {clipped:.0%} of whose pixels are at the camera's limit: a shorter "
     "exposure",
-    "nothing, else": "; check preset or --model, focus, exposure, that most of the display is in "
-    "view, and that the film is not mirrored",
+    "nothing, else": "; check the preset, focus, exposure, that most of the display is in "
+    "view, and that the film is not mirrored; flip it if it is",
     "slow": "; this camera takes {fps:.0f} frames a second, and a display with preset {fast} "
-    "({fast_hz:g} states a second) needs at least {needed_fps:g}, better {better_fps:g}: ask for "
-    "robust, or for fewer states a second",
+    "({fast_hz:g} states a second) needs at least {needed_fps:g}, better {better_fps:g}: film "
+    "at a higher rate, which many cameras have at a smaller size, or show fewer states a second",
     "view": "the display is in view in {found} of {frames} frames",
-    "dark": ", dark there (mean level {level:.0f} of 255; more light)",
+    "dark": ", dark there (mean level {level:.0f} of 255; a longer exposure, a brighter picture or "
+    "display)",
     "bright": ", {clipped:.0%} of it at the camera's limit (a shorter exposure)",
     "cut": ", only in part in {cut} of them (move back or turn the camera)",
     "no pair": ", and its clock was found ({state_hz:.1f} states a second), but the film ended "
@@ -59,12 +62,12 @@ WORDS = {
     "still": ", but its patches or pilots do not change (by less than {least_toggle:g} gray "
     "levels); is the sender playing, and are its states shown for a camera frame or longer?",
     "noise": ", but its patches or pilots change no more regularly than noise ({strength:.0%} of "
-    "the evidence that a clock needs); is the sender playing, is --fps right ({fps:g}), and does "
-    "each of its states last a camera frame or longer? Film closer or steadier, or send with a "
-    "larger --kappa",
+    "the evidence that a clock needs); is the sender playing, does the camera take {fps:g} frames "
+    "a second, and does each state last a camera frame or longer? Film closer or steadier, or send "
+    "with a larger kappa",
     "weak": ", and its patches or pilots toggle weakly (by {amplitude:.1f} gray levels at "
     "{toggle_hz:.1f} states a second, {strength:.0%} of the evidence that a clock needs); film "
-    "longer, closer or steadier, or send with a larger --kappa",
+    "longer, closer or steadier, or send with a larger kappa",
     "pairs": ", and {decoded} frame pairs gave {progress:.0%} of the information needed",
     "too fast": ": the display shows {state_hz:.1f} states a second and the camera takes {fps:g} "
     "frames, so most exposures mix two states; send at {half_fps:g} states a second or film at a "
@@ -73,7 +76,7 @@ WORDS = {
     "{fps:g} frames: film closer or at a higher rate, or send at {half_fps:g} states a second",
     "long": "; each exposure lasts for {exposed:.1f} of the display's states, which blurs them: "
     "one of 1/{state_hz:.0f} s or less reads faster",
-    "too little": "; film longer or closer, or send with a larger --kappa",
+    "too little": "; film longer or closer, or send with a larger kappa",
 }
 """Parts of the line by what was seen, with places for numbers as `str.format` takes them. The page
 fills them in, too."""
@@ -155,24 +158,29 @@ def reasons(seen: Observations) -> list[str]:
     if seen.refused:
         return ["refused"]
     slow = ["slow"] if too_fast(seen) else []
-    coded = any(LEAST_FPS[name] < PRESET_HZ[name] for name in seen.presets)
     if seen.found == 0:
         cause = "nothing, dark" if dark else "nothing, bright" if bright else "nothing, else"
         return ["nothing", cause, *slow]
-    parts = ["view"]
-    parts += ["dark"] * dark + ["bright"] * bright + ["cut"] * (seen.cut > OFTEN * seen.found)
+    causes = _causes(seen, slow)
+    faults = ["dark"] * (dark and causes[-1] in DIMMED) + ["bright"] * bright
+    return ["view", *faults, *["cut"] * (seen.cut > OFTEN * seen.found), *causes]
+
+
+def _causes(seen: Observations, slow: list[str]) -> list[str]:
+    """Find why a display that was found brought no message; ``slow`` as in `reasons`."""
+    coded = any(LEAST_FPS[name] < PRESET_HZ[name] for name in seen.presets)
     if seen.decoded > 0:
         if seen.exposed > LONG:
-            return [*parts, "pairs", "long"]
+            return ["pairs", "long"]
         if slow or coded or seen.state_hz is None or seen.state_hz <= TOO_FAST * seen.fps:
-            return [*parts, "pairs", *(slow or ["too little"])]
-        return [*parts, "pairs", "too fast" if seen.mixed > MIXED else "many states"]
+            return ["pairs", *(slow or ["too little"])]
+        return ["pairs", "too fast" if seen.mixed > MIXED else "many states"]
     if slow:
-        return [*parts, *slow]
+        return slow
     if seen.state_hz is not None:
-        return [*parts, "no pair"]
+        return ["no pair"]
     if seen.toggling is None:
-        return [*parts, "short"]
+        return ["short"]
     if seen.toggling.deviation < MIN_TOGGLE:
-        return [*parts, "still"]
-    return [*parts, "noise" if seen.toggling.strength < NOISE_STRENGTH else "weak"]
+        return ["still"]
+    return ["noise" if seen.toggling.strength < NOISE_STRENGTH else "weak"]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.code.collect import Message
-from link.errors import InputError
+from link.errors import InputError, NoDisplayError
 from link.frames import Captured
 from link.layout import Layout
 from link.presets import preset_name
@@ -239,7 +239,7 @@ class Receiver:
         images = [rectified.original, rectified.embedded]
         change = state_change(images[0], images[1], self.layout)
         if abs(change) <= STILL:
-            raise InputError("the two images show the same state; take one of each")
+            raise NoDisplayError("the two images show the same state; take one of each")
         original, embedded = images if change > 0 else images[::-1]
         whole = np.ones((MESH, MESH))
         shown = States(

@@ -1,10 +1,11 @@
-"""Camera frames from a folder of images, a video file or a camera, one at a time.
+"""Camera frames from a folder of images, a video file, a camera or a stream, one at a time.
 
 Frames may be missing, so a frame's time is not its place in the order. A video says when each of
-its frames is shown, a folder's names say the number of each image, and a camera's frames are timed
-as they come.
+its frames is shown, a folder's names say the number of each image, and a camera stamps
+its frames, or they are timed as they come (`receiver.cameras`).
 """
 
+import os
 import re
 import sys
 from collections.abc import Iterator
@@ -12,14 +13,14 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from link.errors import InputError
 from link.images import image_files, pixel_limit, read_image
-from link.images.video import DEFAULT_FPS, MAX_FPS, VideoReader, check_fps, next_frame
+from link.images.video import DEFAULT_FPS, VideoReader, check_fps
 from link.outside import is_file
+from receiver.cameras import SCHEMES, Camera
 
 MAX_NUMBER_DIGITS = 15
 """Largest number of digits of a file's name that count as the frame's number."""
@@ -30,8 +31,10 @@ FPS_HELP = (
 """Help of the flag --fps."""
 MAX_CAMERA_DIGITS = 4
 """Largest number of digits of a camera's number; a longer one is the name of a file."""
-MISSES = 30
-"""Number of empty frames in a row after which a camera is taken to be unplugged."""
+DEVICE = re.compile(r"/dev/video([0-9]{1,4})")
+"""Path of a camera's device, with its number."""
+ADDRESS = re.compile(r"([a-z][a-z0-9+.-]*)://.+", re.IGNORECASE)
+"""Address of a stream, with its scheme."""
 
 
 @dataclass(frozen=True)
@@ -57,32 +60,55 @@ class FrameSource:
 
 
 def open_source(
-    name: str, fps: float | None = None, max_megapixels: float | None = None
+    name: str,
+    fps: float | None = None,
+    max_megapixels: float | None = None,
+    camera_size: tuple[int, int] | None = None,
+    camera_fps: float | None = None,
 ) -> FrameSource:
-    """Open a folder of images, a video file, or a camera by its number.
+    """Open a folder of images, a video file, a camera by its number or device, or a stream.
 
     Args:
-        name: path, or a whole number for a camera.
+        name: path, a whole number for a camera, a device such as /dev/video0, or the address of a
+            stream, such as rtsp://host/path.
         fps: frames a second of the camera. A folder's frames have their numbers' times at this rate
             in place of `link.images.video.DEFAULT_FPS`; a video's frames follow one another evenly
             at this rate, whatever times the file states; of a camera it is the nominal rate.
         max_megapixels: largest number of pixels, in millions, of an image or a video's frame; see
             `link.images.pixel_limit`.
+        camera_size: width and height for which a camera is asked, pixels.
+        camera_fps: frames a second for which a camera is asked.
 
     Raises:
         InputError: nothing there, or nothing readable in it; also later, from ``frames``.
     """
-    if fps is not None:
-        check_fps(fps)
+    for rate in (fps, camera_fps):
+        if rate is not None:
+            check_fps(rate)
     pixel_limit(max_megapixels)  # a wrong limit is no error of each image
-    if name.isascii() and name.isdigit() and len(name) <= MAX_CAMERA_DIGITS:
-        return _camera(int(name), fps)
+    device = DEVICE.fullmatch(os.path.realpath(name)) if name.startswith("/dev/") else None
+    number = device[1] if device else name
+    if number.isascii() and number.isdigit() and len(number) <= MAX_CAMERA_DIGITS:
+        camera = Camera(int(number), camera_size, camera_fps, max_megapixels)
+        return FrameSource(_live(camera), fps or camera.fps)
+    address = ADDRESS.fullmatch(name)
+    if address is not None and address[1].lower() in SCHEMES:
+        camera = Camera(name, max_megapixels=max_megapixels)
+        return FrameSource(_live(camera), fps or camera.fps)
     path = Path(name)
     if path.is_dir():
         return _folder(path, fps, max_megapixels)
+    if name == "-" or (path.exists() and not is_file(path)):
+        raise InputError(f"{name}: pipes are not read; write the film to a file, and give its path")
     if not is_file(path):
-        raise InputError(f"{path}: no such folder, video file or camera number")
+        streams = f", or stream ({', '.join(SCHEMES)})" if address else ""
+        raise InputError(f"{name}: no such folder, video file, camera number or device{streams}")
     return _video(path, fps, max_megapixels)
+
+
+def _live(camera: Camera) -> Iterator[CameraFrame]:
+    for frame in camera.frames():
+        yield CameraFrame(frame.image, frame.time, f"frame {frame.number}")
 
 
 def number_frames(files: list[Path]) -> list[tuple[int, Path]]:
@@ -146,32 +172,3 @@ def _video(path: Path, fps: float | None, max_megapixels: float | None) -> Frame
             print(f"warning: {reader.broken_off}", file=sys.stderr)
 
     return FrameSource(frames(), fps or reader.rate)
-
-
-def _camera(index: int, fps: float | None) -> FrameSource:
-    try:
-        capture = cv2.VideoCapture(index)
-    except cv2.error:
-        capture = None
-    if capture is None or not capture.isOpened():
-        raise InputError(f"camera {index}: cannot be opened; is it plugged in and free?")
-    stated = capture.get(cv2.CAP_PROP_FPS)
-    rate = fps or (stated if 1 <= stated <= MAX_FPS else DEFAULT_FPS)
-
-    def frames() -> Iterator[CameraFrame]:
-        start, number, missed = cv2.getTickCount(), 0, 0
-        while missed < MISSES:
-            image = next_frame(capture)
-            if image is None:
-                missed += 1
-                continue
-            missed = 0
-            seconds = (cv2.getTickCount() - start) / cv2.getTickFrequency()
-            yield CameraFrame(image, seconds, f"frame {number}")
-            number += 1
-        capture.release()
-        if number == 0:
-            raise InputError(f"camera {index}: returns no frames; is another program using it?")
-        print(f"warning: camera {index} returns no more frames; is it unplugged?", file=sys.stderr)
-
-    return FrameSource(frames(), rate)

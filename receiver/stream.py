@@ -110,7 +110,11 @@ class EventStream:
 
     @property
     def explanation(self) -> str:
-        """What was seen so far, and why no message came, in one line."""
+        """The message's length, or what was seen so far and why none came, in one line."""
+        last = self.inbox.last
+        if last is not None:
+            times = f"{self.receiver.decoded} frame pairs of {self.receiver.frames} camera frames"
+            return f"a message of {len(last.data)} bytes came, after {times}"
         return explain_silence(replace(self.receiver.observations, refused=self.inbox.refused))
 
 

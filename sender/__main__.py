@@ -12,13 +12,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from link.cli import Parser, add_pixel_limit, check_flags, run_cli
+from link.cli import Parser, add_pixel_limit, check_flags, read_size, run_cli
 from link.code.authenticate import MAX_STAMP, read_key, sign
 from link.code.fine import MAX_MESSAGE, USUAL_REDUNDANCY
 from link.code.framing import encode, frames_needed
 from link.embed import check_kappa
 from link.errors import InputError, ParameterError, at_least
-from link.layout import MAX_PIXELS, MAX_SIDE_PX, MODULATIONS, Layout, read_layout
+from link.layout import MODULATIONS, Layout, read_layout
 from link.loop import Loop
 from link.outside import read_bounded
 from link.placement import FITS
@@ -161,25 +161,6 @@ def choose_kappa(usual: int, kappa: int | None, limit: float | None, hiding: Hid
     return hiding.largest_kappa(limit)
 
 
-def display_size(text: str) -> tuple[int, int]:
-    """Read a size such as 1920x1080, in pixels.
-
-    Raises:
-        argparse.ArgumentTypeError: the text is no such size, or larger than any display's.
-    """
-    width, _, height = text.partition("x")
-    try:
-        size = int(width), int(height)
-    except ValueError:
-        size = 0, 0
-    if not all(1 <= side <= MAX_SIDE_PX for side in size) or size[0] * size[1] > MAX_PIXELS:
-        raise argparse.ArgumentTypeError(
-            f"need WIDTHxHEIGHT in pixels, such as 1920x1080, each up to {MAX_SIDE_PX}, with up to "
-            f"{MAX_PIXELS:,} in all, got {text:.40}"
-        )
-    return size
-
-
 def send_parser() -> Parser:
     """Make the parser of the command line."""
     parser = Parser(prog="python -m sender", description=main.__doc__)
@@ -198,7 +179,7 @@ def send_parser() -> Parser:
     preset = f"settings that the other flags change ({DEFAULT_PRESET}). {purposes}"
     add("--preset", choices=list(PRESETS), default=DEFAULT_PRESET, help=preset)
     sizes = "of the display, as in 3840x2160 (the picture's own, at most 1920x1080)"
-    add("--size", type=display_size, help=sizes)
+    add("--size", type=read_size, help=sizes)
     fits = "how the picture lies on it: contain (with --size), cover (without) or stretch"
     add("--fit", choices=list(FITS), help=fits)
     add_pixel_limit(parser)

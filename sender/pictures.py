@@ -3,11 +3,13 @@
 import sys
 from collections.abc import Iterator
 from functools import partial
+from io import BytesIO
 from itertools import chain, repeat
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, ImageCms
 
 from link.errors import InputError, ParameterError
 from link.images import IMAGE_SUFFIXES, image_files, read_picture
@@ -58,7 +60,7 @@ def open_pictures(
         if see_through and not noted:
             print(f"note: {path}: what is transparent is shown as white", file=sys.stderr)
             noted.add(path)
-        return picture
+        return as_srgb(path, picture)
 
     if not source.is_dir() and not is_file(source):
         raise InputError(f"{source}: no such image, folder or video; check the path")
@@ -76,6 +78,36 @@ def open_pictures(
         )
     VideoReader(source, max_megapixels)  # refuses what is no video
     return partial(_in_time, source, max_megapixels, state_hz)
+
+
+def as_srgb(path: Path, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Convert a picture from the colours of the profile in its file, such as Display P3, to sRGB.
+
+    Args:
+        path: the picture's file.
+        picture: what it holds, (H, W, 3) uint8, encoded RGB.
+
+    Returns:
+        the picture, as it is where the file has no profile, or that of sRGB. A profile that is
+        damaged, or is not for RGB, counts as none, and is told on stderr.
+    """
+    try:
+        with Image.open(path) as file:
+            given = file.info.get("icc_profile")
+        if not given:
+            return picture
+        profile = ImageCms.ImageCmsProfile(BytesIO(given))
+        if profile.profile.xcolor_space.strip() == "GRAY":
+            return picture
+        if "sRGB" in (profile.profile.profile_description or ""):
+            return picture
+        shown = ImageCms.profileToProfile(
+            Image.fromarray(picture), profile, ImageCms.createProfile("sRGB")
+        )
+    except (OSError, ValueError, SyntaxError, ImageCms.PyCMSError, Image.DecompressionBombError):
+        print(f"note: {path}: its colour profile cannot be used; taken as sRGB", file=sys.stderr)
+        return picture
+    return np.asarray(shown, np.uint8)
 
 
 def note_coarse(given_size: tuple[int, int], shown_size: tuple[int, int]) -> None:

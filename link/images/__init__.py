@@ -17,6 +17,7 @@ from link.images.size import (
     is_animated,
     is_overfull,
     may_be_transparent,
+    orientation,
     unread_kind,
 )
 from link.outside import is_file, is_no_file, read_bounded
@@ -35,12 +36,19 @@ SPARE_BYTES = 2**24
 """Largest size, in bytes, of what an image file may hold beside its pixels, such as a profile."""
 MAX_NAME_BYTES = 255
 """Largest length, in bytes, of a file's name on the usual file systems."""
+AXES_TO_FLIP: dict[int, tuple[int, ...]] = {
+    **{1: (), 2: (1,), 3: (0, 1), 4: (0,)},
+    **{5: (), 6: (1,), 7: (0, 1), 8: (0,)},
+}
+"""Axes along which a stored image is mirrored, by its EXIF orientation; from 5 on it is transposed
+before."""
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 """Endings, in lower case, of the files that count as images where a folder is listed."""
 LUMA = (0.299, 0.587, 0.114)
 """Weights of red, green and blue in the luma of an encoded image (ITU-R BT.601)."""
 if "OPENCV_LOG_LEVEL" not in os.environ:  # our one line says what is wrong
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    # 0 is silent; cv2.utils.logging came with 4.13, and OpenCV 5 has it alone
+    (getattr(cv2, "setLogLevel", None) or cv2.utils.logging.setLogLevel)(0)
 
 
 def as_gray(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -149,7 +157,7 @@ def read_picture(
     if is_animated(data):
         raise InputError(f"{path}: an animation; save one picture of it, or all as GIF or video")
     size = image_size(data)
-    image = None
+    image, see_through = None, False
     if size is not None:
         check_pixels(*size, path, limit)
         if is_overfull(data, *size):
@@ -158,7 +166,7 @@ def read_picture(
                 "has; save it again"
             )
         try:
-            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+            image, see_through = _decoded(data)
         except cv2.error:
             image = None
     if image is None:
@@ -168,7 +176,6 @@ def read_picture(
         raise InputError(
             f"{path}: image is {width}x{height}, need at least {MIN_SIDE_PX}x{MIN_SIDE_PX} pixels"
         )
-    see_through = may_be_transparent(data) and _lay_on_white(image, data)
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8), see_through
 
 
@@ -179,25 +186,32 @@ def check_kind(path: Path | str, data: bytes) -> None:
         raise InputError(f"{path}: {kind} is not read; save it as JPEG or PNG")
 
 
-def _lay_on_white(image: NDArray[np.generic], data: bytes) -> bool:
-    """Mix an image with white, in place, where its file says that it is transparent.
-
-    Args:
-        image: (H, W, 3) uint8, as OpenCV reads the file without transparency.
-        data: the file.
+def _decoded(data: bytes) -> tuple[NDArray[np.uint8] | None, bool]:
+    """Decode an image file, as a viewer shows it on white.
 
     Returns:
-        whether anything is transparent.
+        (H, W, 3) uint8 as OpenCV orders colours, or None where it cannot be read; and whether
+        white shows through.
     """
-    whole = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    if whole is None or whole.shape != (*image.shape[:2], 4):
-        return False
-    alpha = whole[:, :, 3]
-    most = np.iinfo(alpha.dtype).max
-    seen = alpha < most
-    covers = alpha[seen, None].astype(np.float32) / most
-    image[seen] = np.rint(255 + covers * (image[seen].astype(np.float32) - 255))
-    return bool(seen.any())
+    encoded, lies = np.frombuffer(data, np.uint8), orientation(data)
+    whole = cv2.imdecode(encoded, cv2.IMREAD_UNCHANGED) if may_be_transparent(data) else None
+    if whole is not None and whole.ndim == 3 and whole.shape[2] == 4:
+        most = np.iinfo(whole.dtype).max
+        alpha, image = whole[:, :, 3], (whole[:, :, :3] // (most // 255)).astype(np.uint8)
+        seen = alpha < most
+        covers = alpha[seen, None].astype(np.float32) / most
+        image[seen] = np.rint(255 + covers * (image[seen].astype(np.float32) - 255))
+        return _turned(image, lies or 1), bool(seen.any())
+    if lies is None:
+        return cv2.imdecode(encoded, cv2.IMREAD_COLOR), False
+    image = cv2.imdecode(encoded, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    return None if image is None else _turned(image, lies), False
+
+
+def _turned(image: NDArray[np.uint8], lies: int) -> NDArray[np.uint8]:
+    """Turn and mirror a stored image as its EXIF orientation, 1 to 8, says."""
+    upright = image.swapaxes(0, 1) if lies > 4 else image
+    return np.ascontiguousarray(np.flip(upright, AXES_TO_FLIP[lies]))
 
 
 def as_rgb(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:

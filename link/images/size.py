@@ -1,4 +1,4 @@
-"""The size of an image, read from the first bytes of its file before any pixel is decoded.
+"""What an image's file says of it, read before any pixel is decoded: above all its size.
 
 OpenCV decodes a whole image before it tells the size, and a PNG of 3 MB can hold 900 million
 pixels. So the header is read here: PNG, JPEG, BMP, TIFF and WebP, the kinds of
@@ -36,6 +36,8 @@ SPARE_PIXELS = 4096
 """Number of pixels by which a PNG file may seem larger than it is, so that small ones pass."""
 TIFF_WIDTH, TIFF_HEIGHT = 256, 257
 """Tags of a TIFF directory that give the size."""
+ORIENTATION = 274
+"""Tag of a TIFF directory, which EXIF is, that says how the stored image lies."""
 TIFF_NUMBERS = {1: "B", 3: "H", 4: "I", 16: "Q"}
 """Letters of `struct` for TIFF's types of whole numbers."""
 
@@ -96,7 +98,7 @@ def is_overfull(data: bytes, width: int, height: int) -> bool:
         height: height of the image in pixels.
     """
     if data.startswith(PNG):
-        compressed = sum(length for name, length in _png_chunks(data) if name == b"IDAT")
+        compressed = sum(length for name, length, _ in _png_chunks(data) if name == b"IDAT")
         return compressed > MAX_PIXEL_BYTES * (width * height + SPARE_PIXELS)
     return data.startswith(JPEG) and _jpeg_scans(data) > MAX_SCANS
 
@@ -104,19 +106,43 @@ def is_overfull(data: bytes, width: int, height: int) -> bool:
 def is_animated(data: bytes) -> bool:
     """Whether a PNG or WebP file says that it holds several pictures, which follow one another."""
     if data.startswith(PNG):
-        return any(name == b"acTL" for name, _ in _png_chunks(data))
+        return any(name == b"acTL" for name, *_ in _png_chunks(data))
     return data[8:16] == b"WEBPVP8X" and bool(data[20:21] and data[20] & WEBP_ANIMATION)
 
 
 def may_be_transparent(data: bytes) -> bool:
     """Whether a PNG or WebP file says that it tells how transparent its pixels are."""
     if data.startswith(PNG):
-        told = any(name == b"tRNS" for name, _ in _png_chunks(data))
+        told = any(name == b"tRNS" for name, *_ in _png_chunks(data))
         return told or bool(data[25:26] and data[25] in PNG_ALPHA)
     kind = data[8:16]
     if kind == b"WEBPVP8L":
         return bool(data[24:25] and data[24] & WEBP_ALPHA)
     return kind == b"WEBPVP8X" and bool(data[20:21] and data[20] & WEBP_ALPHA)
+
+
+def orientation(data: bytes) -> int | None:
+    """Read from the EXIF data of a PNG or WebP file how its image lies.
+
+    Returns:
+        1 to 8, as EXIF counts, 1 where the file says nothing; None for files of other kinds, whose
+        images OpenCV turns.
+    """
+    if data.startswith(PNG):
+        chunks = _png_chunks(data)
+    elif data[:4] == b"RIFF" and data[8:12] == b"WEBP":
+        chunks = _webp_chunks(data)
+    else:
+        return None
+    for name, length, at in chunks:
+        if name in (b"eXIf", b"EXIF"):
+            exif = data[at : at + length].removeprefix(b"Exif\0\0")
+            try:
+                found = _tiff_tags(exif, {ORIENTATION}).get(ORIENTATION, 1)
+            except struct.error:
+                return 1
+            return found if 1 <= found <= 8 else 1
+    return 1
 
 
 def unread_kind(data: bytes) -> str | None:
@@ -143,12 +169,12 @@ def _jpeg_scans(data: bytes) -> int:
     return scans
 
 
-def _png_chunks(data: bytes) -> Iterator[tuple[bytes, int]]:
-    """Name and length of each chunk of a PNG file that the file could hold, up to its end."""
+def _png_chunks(data: bytes) -> Iterator[tuple[bytes, int, int]]:
+    """Name, length and place of the content of each chunk that a PNG file could hold."""
     at = len(PNG)
     while at + 12 <= len(data):  # each has a length, a name, content, and a checksum
         name, length = data[at + 4 : at + 8], int.from_bytes(data[at : at + 4], "big")
-        yield name, length
+        yield name, length, at + 8
         if name == b"IEND":
             break
         at += 12 + length
@@ -156,7 +182,7 @@ def _png_chunks(data: bytes) -> Iterator[tuple[bytes, int]]:
 
 def _png_ends(data: bytes) -> bool:
     """Whether the chunks of a PNG file, one after the other, lead to its end."""
-    return any(name == b"IEND" for name, _ in _png_chunks(data))
+    return any(name == b"IEND" for name, *_ in _png_chunks(data))
 
 
 def _jpeg_marker(data: bytes, wanted: set[int]) -> int | None:
@@ -191,6 +217,12 @@ def _bmp_size(data: bytes) -> tuple[int, int]:
 
 
 def _tiff_size(data: bytes) -> tuple[int, int] | None:
+    found = _tiff_tags(data, {TIFF_WIDTH, TIFF_HEIGHT})
+    return (found[TIFF_WIDTH], found[TIFF_HEIGHT]) if len(found) == 2 else None
+
+
+def _tiff_tags(data: bytes, wanted: set[int]) -> dict[int, int]:
+    """The largest whole number of each wanted tag of the first directory of a TIFF file."""
     order, big = "<" if data[:2] == b"II" else ">", 43 in data[2:4]
     (start,) = struct.unpack_from(f"{order}{'Q' if big else 'I'}", data, 8 if big else 4)
     (count,) = struct.unpack_from(f"{order}{'Q' if big else 'H'}", data, start)
@@ -198,12 +230,21 @@ def _tiff_size(data: bytes) -> tuple[int, int] | None:
     found: dict[int, int] = {}
     for entry in range(first, first + length * min(count, 4096), length):
         tag, kind = struct.unpack_from(f"{order}HH", data, entry)
-        if tag in (TIFF_WIDTH, TIFF_HEIGHT) and kind in TIFF_NUMBERS:
+        if tag in wanted and kind in TIFF_NUMBERS:
             (number,) = struct.unpack_from(f"{order}{TIFF_NUMBERS[kind]}", data, entry + value)
             found[tag] = max(found.get(tag, 0), number)
-        if len(found) == 2 and tag > TIFF_HEIGHT:
+        if len(found) == len(wanted) and tag > max(wanted):
             break
-    return (found[TIFF_WIDTH], found[TIFF_HEIGHT]) if len(found) == 2 else None
+    return found
+
+
+def _webp_chunks(data: bytes) -> Iterator[tuple[bytes, int, int]]:
+    """Name, length and place of the content of each chunk of a WebP file."""
+    at = 12
+    while at + 8 <= len(data):
+        length = int.from_bytes(data[at + 4 : at + 8], "little")
+        yield data[at : at + 4], length, at + 8
+        at += 8 + length + length % 2
 
 
 def _webp_size(data: bytes) -> tuple[int, int] | None:

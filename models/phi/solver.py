@@ -52,7 +52,9 @@ class HeadProblem:
     @property
     def columns(self) -> Tensor:
         """(B, D, R) the rows, transposed."""
-        return self.columns_and_aims[:, : self.rows.shape[2]]
+        # a slice of the tensor above would be the same, but onnxruntime warns of slices that a loop
+        # takes from outside
+        return self.rows.transpose(1, 2).contiguous()
 
     def detach(self) -> "HeadProblem":
         """Give the same problem without gradients."""
@@ -150,7 +152,7 @@ def fit_head(X: Tensor, y: Tensor, C: Tensor, ridge: Tensor, prior: Tensor) -> T
     """
     problem = head_problem(X, y, C, ridge, prior)
     fixed = problem.detach()
-    columns, most = fixed.columns.contiguous(), torch.tensor(MAX_STEPS, device=X.device)
+    columns, most = fixed.columns, torch.tensor(MAX_STEPS, device=X.device)
     sizes = torch.tensor(STEP_SIZES, dtype=X.dtype, device=X.device).reshape(-1, 1, 1)  # (S, 1, 1)
 
     def goes_on(step: Tensor, w: Tensor, slack: Tensor, moving: Tensor) -> Tensor:

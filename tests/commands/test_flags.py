@@ -169,7 +169,7 @@ LONG = "n" * 300
     ("data_gen.__main__", ["--out="], "--out: empty; give a name"),
     ("export.parity", [""], "an input: empty; give a name"),
     ("receiver.__main__", [""], "an input: empty; give a name"),
-    ("receiver.__main__", "²", "²: no such folder, video file or camera number"),
+    ("receiver.__main__", "²", "²: no such folder, video file, camera number or device"),
     ("sender.__main__", "x --message \udcff --out y", "--message: not text"),
     ("data_gen.video", "--message \udcff --out y", "--message: not text in UTF-8"),
     ("receiver.locate.__main__", ["a\nb"], "a b: no such image file"),

@@ -160,7 +160,7 @@ REFUSED = [
     ("send layout", "--layout bad.json", "bad.json: no layout there"),
     ("send layout", "--layout layout.json --rows 5", "--rows and --layout: give one"),
     ("send layout", "--redundancy 0 --preset robust", "--redundancy: need 1.2 to 16, got 0"),
-    ("receive", "gone", "no such folder, video file or camera number"),
+    ("receive", "gone", "no such folder, video file, camera number or device"),
     ("receive", "none", "no image in this folder"),
     ("receive", "text.mp4", "not a readable video"),
     ("receive film", "--key gone", "--key: gone: no such file"),

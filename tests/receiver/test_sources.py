@@ -3,13 +3,17 @@
 import os
 from collections import Counter
 from fractions import Fraction
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from threading import Thread
+from typing import ClassVar
 
 import cv2
 import numpy as np
 import pytest
 from conftest import cases
-from streams import Stream, states_of
+from streams import Stream, states_of, write_film
 
 from export.runtime import Decoder
 from link.code.framing import encode
@@ -136,16 +140,61 @@ def test_times_that_cannot_be_are_replaced(
     assert source.fps == pytest.approx(20)
 
 
-def test_a_camera_that_is_unplugged_ends_with_a_warning(
+class FakeCamera(ToldTimes):
+    """A camera of five old frames, which stamps them, and then gives nothing more."""
+
+    times = (50.0, 50.1, 50.2, 50.3, 50.4)
+    asked: ClassVar[list[tuple[int, float]]] = []
+
+    def set(self, what: int, value: float) -> None:
+        self.asked.append((what, value))
+
+
+def test_a_camera_is_asked_for_what_reads_well_and_says_what_it_gives(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(ToldTimes, "times", (0.0, 0.0, 0.0))
-    monkeypatch.setattr(cv2, "VideoCapture", lambda index: ToldTimes("camera"))
-    assert len(list(open_source("0").frames)) == 3
-    assert "camera 0 returns no more frames; is it unplugged?" in capsys.readouterr().err
-    monkeypatch.setattr(ToldTimes, "times", ())
+    monkeypatch.setattr(cv2, "VideoCapture", FakeCamera)
+    source = open_source("/dev/video3", camera_size=(640, 480))
+    mjpg = cv2.VideoWriter.fourcc(*"MJPG")
+    size = (cv2.CAP_PROP_FRAME_WIDTH, 640), (cv2.CAP_PROP_FRAME_HEIGHT, 480)
+    assert FakeCamera.asked == [(cv2.CAP_PROP_FOURCC, mjpg), *size, (cv2.CAP_PROP_FPS, 120)]
+    assert "camera 3: 16x16, 20 frames a second" in capsys.readouterr().err
+    frames = list(source.frames)
+    for frame in frames:  # the newest, at the time of its stamp however late it was read
+        assert frame.time == pytest.approx(int(frame.name.removeprefix("frame ")) / 10)
+    assert frames[-1].time == pytest.approx(0.4)
+    assert "camera 3 returns no more frames; is it unplugged?" in capsys.readouterr().err
+    monkeypatch.setattr(FakeCamera, "times", ())
     with pytest.raises(InputError, match="camera 0: returns no frames"):
         list(open_source("0").frames)
+
+
+def test_a_film_at_an_address_is_read_whole(tmp_path: Path) -> None:
+    write_film(tmp_path / "film.mkv", grays((1, 2, 3)), codec="FFV1")
+    handler = partial(SimpleHTTPRequestHandler, directory=str(tmp_path))
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        address = f"http://127.0.0.1:{server.server_port}"
+        assert [round(frame.time, 2) for frame in open_source(f"{address}/film.mkv").frames] == [
+            0.0,
+            0.03,
+            0.07,
+        ]
+        with pytest.raises(InputError, match=f"{address}/none: cannot be opened; check the addr"):
+            open_source(f"{address}/none")
+        server.shutdown()
+
+
+@cases(
+    ("-", "pipes are not read"),
+    ("/dev/null", "pipes are not read"),
+    ("/dev/video9", "camera 9: cannot be opened"),
+    ("gopher://host/x", "gopher://host/x: no such .* stream .http"),
+    ("none", "none: no such folder, video file, camera number or device"),
+)
+def test_what_is_no_source_is_refused(name: str, says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        open_source(name)
 
 
 @cases(

@@ -22,6 +22,7 @@ from conftest import Command, Finished, Refuses, cases, run_process, slow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from picture_files import Picture, profiled_pictures, turned_pictures
 from PIL import Image
 
 import sender.__main__ as send_cli
@@ -481,6 +482,16 @@ def test_what_is_transparent_is_white_and_told_once(
     assert cv2.imwrite(str(name), image)
     assert not next(open_pictures(name, 10)()).any()
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    "picture", [*turned_pictures(), *profiled_pictures()], ids=lambda picture: picture.name
+)
+def test_pictures_are_shown_as_a_viewer_shows_them(picture: Picture, tmp_path: Path) -> None:
+    (tmp_path / picture.name).write_bytes(picture.data)
+    shown = next(open_pictures(tmp_path / picture.name, 10)())
+    assert shown.shape == picture.shown.shape
+    assert abs(shown.astype(int) - picture.shown).max() <= picture.tolerance
 
 
 @cases(

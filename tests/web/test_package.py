@@ -11,13 +11,15 @@ import tarfile
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
+from time import sleep
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from conftest import ROOT, Command, cases, run_process, slow
 from jsonschema import Draft202012Validator
-from pilot_films import filmed
+from pilot_films import CORNERS, filmed, texture
 from streams import write_film
 
 import receiver.__main__ as receive_cli
@@ -25,11 +27,19 @@ import web.package.__main__ as package_cli
 from link.code.authenticate import sign
 from link.code.framing import encode
 from link.errors import InputError
+from link.geometry import homography_from_corners
 from link.images import write_image
 from link.presets import PRESETS
 from link.types import Image
 from web.host.site import WEB
-from web.package.api import Receiver, read_pair
+from web.package.api import (
+    FilmEvent,
+    LiveReceiver,
+    Receiver,
+    hidden_states,
+    luma,
+    read_pair,
+)
 from web.package.npm import write_npm_package
 from web.package.schema import events_schema, typescript_of
 from web.package.wheel import OWN, package_files, write_wheel
@@ -106,21 +116,91 @@ def test_the_command_writes_a_wheel_that_is_the_same_each_time(
         lines = archive.read(metadata).decode().splitlines()
     needs = [re.split("[ >]", line)[1] for line in lines if line.startswith("Requires-Dist")]
     assert sorted(needs) == ["numpy", "onnxruntime", "opencv-python-headless"]
+    extra = [line for line in lines if line.endswith("extra == 'opencv'")]
+    assert [re.split("[ >]", line)[1] for line in extra] == ["opencv-python-headless"]
+
+
+GRAY = np.full((40, 40), 90, np.uint8)
+
+
+def pushed(*times: Any, frame: Any = GRAY) -> None:
+    """Push a frame at some times."""
+    receiver = Receiver(30)
+    for time in times:
+        receiver.push(frame, time)
+
+
+def finished() -> None:
+    receiver = Receiver(30)
+    receiver.finish()
+    receiver.push(GRAY, 0)
 
 
 @cases(
-    (lambda: Receiver(0), "fps"),
-    (lambda: Receiver(30, models=["nothing"]), "nothing: no such model"),
-    (lambda: Receiver(30, max_age_s=3), "give a key"),
-    (lambda: Receiver(30).push(np.zeros((4, 4), np.uint8), 0), "16 px"),
-    (lambda: Receiver(30).push(np.zeros((40, 40), np.uint8), np.nan), "must rise"),
-    (lambda: read_pair(*np.zeros((2, 40, 40), np.uint8), corners=np.eye(4, 2)), "name the"),
-    slow(lambda: read_pair(*np.full((2, 480, 640), 90, np.uint8), model="robust"), "no display"),
+    *[(lambda fps=fps: Receiver(fps), "argument", "fps") for fps in (0, np.nan, None, "30", True)],
+    *[(lambda key=key: Receiver(30, key=key), "argument", "bytes") for key in ("k" * 20, b"k")],
+    *[
+        (lambda age=age: Receiver(30, key=KEY, max_age_s=age), "argument", "max_age")
+        for age in (np.nan, 0, "5")
+    ],
+    (lambda: Receiver(30, max_age_s=3), "argument", "give a key"),
+    (lambda: Receiver(30, threads=1.5), "argument", "threads"),
+    (lambda: Receiver(30, threads=0), "argument", "threads"),
+    (lambda: Receiver(30, models="paper"), "argument", "a list of presets"),
+    (lambda: Receiver(30, models=["nothing"]), "model", "nothing: no such model; name one of pap"),
+    (lambda: Receiver(30, models=[__file__]), "model", "not a readable ONNX model"),
+    *[
+        (lambda frame=frame: pushed(0, frame=frame), "frame", "frames must be")
+        for frame in (GRAY[:4, :4], GRAY / 255.0, GRAY > 9, None, "x.png", [[1, 2], [3, 4]])
+    ],
+    *[
+        (lambda time=time: pushed(time), "time", "finite number")
+        for time in (np.nan, np.inf, None, "0", 1j, np.array([1.0]), 10**400)
+    ],
+    (lambda: pushed(1, 0.5), "time", "must rise"),
+    (lambda: pushed(0, 33.3, 66.7, 100), "time", "33.3 s apart.*not milliseconds"),
+    (finished, "finished", "make a new one"),
+    (lambda: luma(np.zeros((40, 40), np.uint8)), "frame", "planes"),
+    (lambda: read_pair(GRAY, GRAY, corners=np.eye(4, 2)), "argument", "name the"),
+    (lambda: read_pair(GRAY, GRAY, corners="abc", model="robust"), "argument", "corners"),
+    (lambda: read_pair(GRAY, GRAY[:20], model="robust"), "frame", "size"),
+    (lambda: hidden_states(GRAY, "text"), "argument", "give bytes"),
+    (lambda: hidden_states(GRAY, b""), "argument", "empty"),
+    (lambda: hidden_states(GRAY, b"hi", preset="none"), "argument", "unknown preset"),
+    slow(
+        lambda: read_pair(*np.full((2, 480, 640), 90, np.uint8), model="robust"),
+        "no-display",
+        "no display",
+    ),
 )
-def test_wrong_arguments_are_refused_in_one_line(call: Any, says: str) -> None:
+def test_wrong_arguments_are_refused_in_one_line(call: Any, code: str, says: str) -> None:
     with pytest.raises(InputError, match=says) as error:
         call()
     assert "\n" not in str(error.value)
+    assert error.value.code == code
+    assert f"`{code}`" in EMBED
+
+
+@pytest.mark.slow
+def test_states_of_the_package_are_read_beside_a_camera_that_never_waits() -> None:
+    events: list[FilmEvent] = []
+    reader = LiveReceiver(Receiver(30, models=["robust"]), events.append)
+    picture = np.clip(150 + 20 * texture((384, 512), 3), 0, 255).astype(np.uint8)
+    states = list(hidden_states(picture, TEXT.encode(), preset="robust"))
+    H, rng = homography_from_corners(CORNERS, 512, 384), np.random.default_rng(0)
+    for number in range(40):
+        gray = cv2.cvtColor(states[number // 2 % len(states)], cv2.COLOR_RGB2GRAY).astype(float)
+        frame = cv2.warpPerspective(gray, H, (640, 480), borderValue=60.0)
+        planes = np.vstack([frame + rng.normal(0.5, 1, frame.shape), np.full((240, 640), 128)])
+        reader.push(luma(planes.clip(0, 255).astype(np.uint8)), number / 30)
+        while reader.waits:  # a camera would not; so each frame is read
+            sleep(0.001)
+    reader.finish()
+    assert [event["text"] for event in events if event["event"] == "message"][:1] == [TEXT]
+    assert reader.passed_over == 0
+    assert reader.explanation.startswith(f"a message of {len(TEXT)} bytes came")
+    with pytest.raises(InputError, match="finished"):
+        reader.finish()
 
 
 @pytest.mark.slow
@@ -203,7 +283,8 @@ def test_python_of_the_docs_runs_without_the_checkout(elsewhere: Path) -> None:
             (elsewhere / "shown.py").write_text(code)
             said.append(run_in(elsewhere, sys.executable, "-I", "-c", RUN_ELSEWHERE))
     assert said[0].strip() == TEXT
-    assert len(said[1].split()[0]) == ROBUST.n_bits
+    assert len(said[1].splitlines()) == 1
+    assert len(said[2].split()[0]) == ROBUST.n_bits
 
 
 EVENTS = """

@@ -37,10 +37,14 @@ license-files = ["LICENSE"]
 requires-python = "{python}"
 dependencies = {requires}
 
+[project.optional-dependencies]
+opencv = {opencv}
+
 [tool.hatch.build.targets.wheel]
 packages = ["oorc_receiver"]
 """
-"""The package's pyproject.toml, with names in place of what the checkout's own says."""
+"""The package's pyproject.toml, with names in place of what the checkout's own says. OpenCV is an
+extra, because one of its packages installed over another breaks it for the application."""
 
 
 def write_wheel(folder: Path) -> Path:
@@ -52,10 +56,13 @@ def write_wheel(folder: Path) -> Path:
         InputError: the folder cannot be written.
     """
     checkout = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+    needed: list[str] = checkout["dependency-groups"]["receive"]
+    opencv = [each for each in needed if each.startswith("opencv")]
     project = PROJECT.format(
         version=__version__,
         python=checkout["project"]["requires-python"],
-        requires=json.dumps(checkout["dependency-groups"]["receive"]),
+        requires=json.dumps([each for each in needed if each not in opencv]),
+        opencv=json.dumps(opencv),
     )
     files = package_files() | {
         "pyproject.toml": project.encode(),

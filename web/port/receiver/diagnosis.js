@@ -5,7 +5,7 @@ import { MAX_STATES } from "./timing/fit.js";
 import { MIN_FRAMES, MIN_TOGGLE } from "./timing/synchronise.js";
 
 export const {
-  DARK, BRIGHT, CLIPPED, NOISE_STRENGTH, TOO_FAST, LONG, CUT, OFTEN, PRESET_HZ, LEAST_FPS,
+  DARK, BRIGHT, CLIPPED, NOISE_STRENGTH, TOO_FAST, LONG, CUT, DIMMED, OFTEN, PRESET_HZ, LEAST_FPS,
   PRESET_FPS, WORDS,
 } = receiverDiagnosis;
 
@@ -109,24 +109,35 @@ function reasons(seen) {
     const cause = dark ? "nothing, dark" : bright ? "nothing, bright" : "nothing, else";
     return ["nothing", cause, ...slow];
   }
+  const causes = causesOf(seen, slow);
   const parts = ["view"];
-  if (dark) parts.push("dark");
+  if (dark && DIMMED.includes(/** @type {string} */ (causes.at(-1)))) parts.push("dark");
   if (bright) parts.push("bright");
   if (seen.cut > OFTEN * seen.found) parts.push("cut");
+  return [...parts, ...causes];
+}
+
+/**
+ * Find why a display that was found brought no message.
+ *
+ * @param {Observations} seen
+ * @param {string[]} slow - as in `reasons`
+ */
+function causesOf(seen, slow) {
   const { presets = [], toggling, stateHz } = seen;
   const isCoded = presets.some((name) => (LEAST_FPS.get(name) ?? 0) < (PRESET_HZ.get(name) ?? 0));
   if (seen.decoded > 0) {
-    if (seen.exposed > LONG) return [...parts, "pairs", "long"];
+    if (seen.exposed > LONG) return ["pairs", "long"];
     if (slow.length || isCoded || stateHz === null || stateHz <= TOO_FAST * seen.fps) {
-      return [...parts, "pairs", ...(slow.length ? slow : ["too little"])];
+      return ["pairs", ...(slow.length ? slow : ["too little"])];
     }
-    return [...parts, "pairs", "many states"];
+    return ["pairs", "many states"];
   }
-  if (slow.length) return [...parts, ...slow];
-  if (stateHz !== null) return [...parts, "no pair"];
-  if (toggling === null) return [...parts, "short"];
-  if (toggling.deviation < MIN_TOGGLE) return [...parts, "still"];
-  return [...parts, toggling.strength < NOISE_STRENGTH ? "noise" : "weak"];
+  if (slow.length) return slow;
+  if (stateHz !== null) return ["no pair"];
+  if (toggling === null) return ["short"];
+  if (toggling.deviation < MIN_TOGGLE) return ["still"];
+  return [toggling.strength < NOISE_STRENGTH ? "noise" : "weak"];
 }
 
 /**
