@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from link.images import as_gray, intensity
 from link.layout import Layout
-from link.types import Array, Image
+from link.types import Array, Image, Real
 
 OUTLIER = 2.5
 """Largest change of a pilot from one photograph to another that counts, in medians over the pilots,
@@ -35,6 +35,22 @@ def expected_changes(layout: Layout) -> Array:
     blocks = np.zeros(layout.rows * layout.cols)
     blocks[layout.pilot_blocks] = pilot_signs(layout)
     return blocks.reshape(layout.rows, layout.cols)  # (blocks,) -> (rows, cols)
+
+
+def changes_of_bits(scores: Real, layout: Layout) -> Array:
+    """Say how blocks change from the first state of frame pairs to the second, as is known of them.
+
+    Args:
+        scores: (..., n_bits) log-likelihood ratios.
+        layout: layout of the display.
+
+    Returns:
+        (..., rows, cols) expected values of signs, in [-1, 1]; those of pilots are certain.
+    """
+    shape = *scores.shape[:-1], layout.rows, layout.cols
+    blocks = np.broadcast_to(expected_changes(layout), shape).copy()
+    blocks[..., layout.message_mask] = np.tanh(np.clip(scores, -20, 20) / 2)
+    return blocks
 
 
 def pilot_centres(layout: Layout) -> Array:

@@ -14,9 +14,9 @@ from link.clock import DisplayClock
 from link.frames import SoftBits
 from link.layout import Layout
 from link.observation import Observation, mixture_of_exposures
+from link.pilots import changes_of_bits
 from link.types import Array
 from receiver.decoders import WindowDecoder
-from receiver.reading.pairs import changes_of_bits
 from receiver.reading.shown import InWindow, ReadPair
 from receiver.seen import SeenFrame, SeenFrames
 from receiver.sight import StageTimes

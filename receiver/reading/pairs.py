@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
-from numpy.typing import NDArray
 
 from link.clock import DisplayClock
 from link.frames import SoftBits
-from link.layout import Layout
-from link.pilots import expected_changes
+from link.pilots import changes_of_bits
 from link.types import Array
 from models.pairwise import trust_of_purity
 from receiver.decoders import PairDecoder
@@ -148,20 +146,3 @@ class PairReader:
             (pair.placements[0], pair.placements[-1]),
         )
         self._timing.add("correct", start)
-
-
-def changes_of_bits(scores: NDArray[np.floating], layout: Layout) -> Array:
-    """Say how blocks change from the first state of frame pairs to the second, as is known of them.
-
-    Args:
-        scores: (..., n_bits) log-likelihood ratios.
-        layout: layout of the display.
-
-    Returns:
-        (..., rows, cols) expected values of signs, in [-1, 1].
-    """
-    blocks = np.broadcast_to(
-        expected_changes(layout), (*scores.shape[:-1], layout.rows, layout.cols)
-    ).copy()
-    blocks[..., layout.message_mask] = np.tanh(np.clip(scores, -20, 20) / 2)
-    return blocks
