@@ -67,26 +67,6 @@ export class DisplayClock {
   get centre() {
     return (this.delayX + this.delayY + this.shutter) / 2;
   }
-
-  /**
-   * Work out the share that a state has of the exposure at places of the display.
-   *
-   * @param {number} time - of the frame, seconds
-   * @param {Float64Array} places - (n, 2) x and y on the display, in [0, 1]
-   * @param {number} state - number of the state
-   * @returns {Float64Array} (n,) in [0, 1]
-   */
-  shares(time, places, state) {
-    const shares = new Float64Array(places.length / 2);
-    const length = this.shutter / this.period;
-    for (let at = 0; at < shares.length; at++) {
-      const delay = places[2 * at] * this.delayX + places[2 * at + 1] * this.delayY;
-      const begin = (time + delay - this.start) / this.period - state;
-      const inside = Math.min(begin + length, 1) - Math.max(begin, 0);
-      shares[at] = Math.min(Math.max(inside / length, 0), 1);
-    }
-    return shares;
-  }
 }
 
 /** Number of numbers that describe a clock: period, start, both delays and shutter. */

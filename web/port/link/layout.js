@@ -37,20 +37,4 @@ export class Layout {
   get nBits() {
     return this.messageBlocks.length;
   }
-
-  /**
-   * Find the pixels of a block: top, bottom, left and right; bottom and right are exclusive.
-   *
-   * @param {number} row
-   * @param {number} col
-   * @returns {[number, number, number, number]}
-   */
-  cellBox(row, col) {
-    return [
-      Math.ceil((row * this.height) / this.rows),
-      Math.ceil(((row + 1) * this.height) / this.rows),
-      Math.ceil((col * this.width) / this.cols),
-      Math.ceil(((col + 1) * this.width) / this.cols),
-    ];
-  }
 }
