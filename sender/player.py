@@ -83,6 +83,20 @@ def write_player(path: Path, loop: Loop, state_hz: float, flicker: str = "") -> 
     Raises:
         InputError: more pixels than a browser can be asked to hold, or the file is not writable.
     """
+    _write_page(path, player_page(loop, state_hz, flicker))
+
+
+def player_page(loop: Loop, state_hz: float, flicker: str) -> dict[str, Any]:
+    """Describe a loop to the page that plays it, in JSON's types.
+
+    Args:
+        loop: what to show; all its carriers are taken.
+        state_hz: states a second.
+        flicker: as `write_player` takes it.
+
+    Raises:
+        InputError: more pixels than a browser can be asked to hold.
+    """
     layout = loop.shown_layout
     rule = Compact(layout, loop.kappa, loop.pyramid_level)
     bits: list[str] = []
@@ -112,7 +126,7 @@ def write_player(path: Path, loop: Loop, state_hz: float, flicker: str = "") -> 
                 "write a video, or use fewer pictures or a smaller size"
             )
     more = {"bits": bits, "pictures": pictures, "steps": steps, "shown": shown, "changes": changes}
-    _write_page(path, loop, rule, state_hz, flicker, more)
+    return _page(loop, rule, state_hz, flicker, more)
 
 
 def write_film_player(
@@ -162,7 +176,7 @@ def write_film_player(
         page["parts"] = _write_parts(path, film)
     bits = [(ord("0") + each.bits).tobytes().decode() for each in loop.carriers()]
     more = {"bits": bits, "pictures": [], "steps": [None], "shown": [0] * len(bits), "changes": []}
-    _write_page(path, loop, rule, state_hz, flicker, {**more, "film": page})
+    _write_page(path, _page(loop, rule, state_hz, flicker, {**more, "film": page}))
 
 
 def window_of(width: int, height: int, placement: Placement) -> tuple[int, int, int, int]:
@@ -191,12 +205,12 @@ def _write_parts(path: Path, film: Path) -> list[str]:
     return names
 
 
-def _write_page(
-    path: Path, loop: Loop, rule: Compact, state_hz: float, flicker: str, more: dict[str, Any]
-) -> None:
-    """Write a page with what it shows, in JSON's types."""
+def _page(
+    loop: Loop, rule: Compact, state_hz: float, flicker: str, more: dict[str, Any]
+) -> dict[str, Any]:
+    """Say how a page shows a loop, with what it shows, in JSON's types."""
     layout = rule.layout
-    page = {
+    return {
         **rule_page(rule, state_hz, flicker),
         "width": layout.width,
         "height": layout.height,
@@ -204,9 +218,13 @@ def _write_page(
         "patches": packed(rule.patches) if layout.ratex else None,
         **more,
     }
+
+
+def _write_page(path: Path, page: dict[str, Any]) -> None:
+    """Write a player's page with what it shows."""
     text = f">{json.dumps(page, separators=(',', ':'))}<"
     template = TEMPLATE.read_text("utf-8")
-    if "parts" in more.get("film", {}):
+    if "parts" in page.get("film", {}):
         template = template.replace(SCRIPTS, f"{SCRIPTS} 'self' file:", 1)
     text = template.replace(PLACE, text)
     write_bytes(path, text.encode())
