@@ -16,31 +16,40 @@ import tyro
 from data_gen.flags import SourceFlags
 from data_gen.frame_pair import shuffled_pictures
 from data_gen.pairs import PAIRS, pair_names
-from link.captures import is_window, read_layouts, read_manifest
+from link.captures import read_layouts
 from link.cli import check_flags, run_cli
 from link.errors import InputError, at_least, choose, each_once
 from link.files.lock import locked
 from models import DECODERS, OF_PAIRS
-from models.film.window import reads_films
-from reports.ablation.switches import ROWS, row_method
-from reports.captured.door import Recordings, open_recordings
+from reports.ablation.switches import ablation_methods
+from reports.benchmark import run_benchmark
+from reports.captured.door import holds_windows, own_recordings
 from reports.engine.backends import Backend, make_backend
-from reports.engine.methods import Method, methods_for, suited_methods
-from reports.engine.predict import Condition, paper_cells, predict
+from reports.engine.methods import methods_for
+from reports.engine.predict import Condition, paper_cells
 from reports.engine.protocols import PROTOCOLS, apply_protocol
-from reports.engine.provenance import provenance
 from reports.evaluation.captures import evaluate_folder
-from reports.evaluation.evidence import QUICK, USUAL, SimulatedRun, Stopwatch
+from reports.evaluation.evidence import QUICK
 from reports.evaluation.films import evaluate_films, film_conditions
 from reports.evaluation.page import write_report
-from reports.evaluation.settings import chosen_sweeps, decisive_settings
+from reports.evaluation.settings import REFERENCE, chosen_sweeps, decisive_settings
+from reports.evaluation.simulated import evaluate_simulated
 from reports.evaluation.sweeps import SWEEPS
 from reports.evaluation.versus import compare_runs
 from reports.render.annotated import write_annotated
-from reports.render.tables import cell_tables, summary_table
-from reports.run import PREDICTIONS, RunFolder
-from reports.score.accuracy import score
+from reports.run import RunFolder
 
+OF_BENCHMARK = (
+    *REFERENCE,
+    "films",
+    "frames",
+    "sweeps",
+    "quick",
+    "captures",
+    "ablation",
+    "protocol",
+)
+"""Flags that --benchmark fixes."""
 CAPTURES = "captures"
 """Name of the folder, in that of a run, of the captures that were cut from own recordings."""
 
@@ -65,6 +74,9 @@ class EvaluateConfig(SourceFlags):
     films: tuple[str, ...] = ()
     """Decode simulated films in place of frame pairs: PRESET or PRESET:FPS each, such as hidden:30;
     a window of each of --frames films a cell. Layout and kappa are the preset's."""
+    benchmark: bool = False
+    """Compare on the fixed conditions of reports/benchmark.py in place of others, and write
+    benchmark.json, to be compared with other decoders' (docs/benchmark.md)."""
     frames: int = 15
     """Number of frame pairs in each cell; the paper has 25 (text) to 75 (15 pictures with 5
     messages each)."""
@@ -130,15 +142,18 @@ def main() -> None:
         config = replace(config, frames=min(config.frames, QUICK.frames))
     if config.captures is not None and config.layout() != EvaluateConfig().layout():
         raise InputError("--captures: has layouts of its own; leave out the flags of the layout")
-    door = opened(config)
+    meta = {"photos": config.photos or None, "pair": config.camera, "view_deg": config.view}
+    door = own_recordings(config.captures, config.sent, fps=config.fps, **meta)
     if config.ablation and config.methods != OF_PAIRS:
         raise InputError("--ablation: compares parts of one decoder; leave out --methods")
-    if config.methods == OF_PAIRS and not config.ablation and are_windows(config, door):
+    windows = config.benchmark or config.films or holds_windows(config.captures, door)
+    if config.methods == OF_PAIRS and not config.ablation and windows:
         config = replace(config, methods=tuple(DECODERS))
     comparisons, backend = checked_flags(config)
-    methods = apply_protocol(config.protocol, chosen_methods(config))
+    rows = ablation_methods(config.run) if config.ablation else []
+    methods = apply_protocol(config.protocol, rows or methods_for(config.methods, config.run))
     if door is not None:
-        layouts = list(dict.fromkeys(sent.layout for _, sent in door.films))
+        layouts = door.layouts
     else:
         layouts = read_layouts(config.captures) if config.captures else [config.layout()]
     folder = RunFolder(config.out)
@@ -146,10 +161,14 @@ def main() -> None:
         settings = decisive_settings(config, methods, layouts)
         folder.claim(settings | ({"recorded": door.digest} if door else {}))
         failed = []
-        if config.films:
+        if config.benchmark:
+            failed = run_benchmark(methods, folder, backend)
+        elif config.films:
             failed = evaluate_films(comparisons, methods, folder, config.seed, backend)
         elif config.captures is None:
-            failed = evaluate_simulated(config, comparisons[0], methods, folder, backend)
+            sweeps, amount = chosen_sweeps(config, config.sweeps), {"quick": config.quick}
+            amount["html"] = config.html
+            failed = evaluate_simulated(comparisons[0], methods, folder, backend, sweeps, **amount)
         else:
             captures, notes = config.captures, []
             if door is not None:
@@ -169,77 +188,12 @@ def main() -> None:
         )
 
 
-def chosen_methods(config: EvaluateConfig) -> list[Method]:
-    """List the methods that --methods names, or the rows of the ablation."""
-    if config.ablation:
-        return [row_method(row, config.run) for row in (*ROWS, "learned")]
-    return methods_for(config.methods, config.run)
-
-
-def opened(config: EvaluateConfig) -> Recordings | None:
-    """Open own films or photographs, where --sent says what was shown."""
-    if config.captures is None or config.sent is None:
-        for flag in ("sent", "photos", "camera", "view", "fps"):
-            if getattr(config, flag) not in (None, False):
-                needed = "--captures and --sent" if flag != "sent" else "--captures"
-                raise InputError(f"--{flag}: is about own recordings, and needs {needed}")
-        return None
-    meta = {"pair": config.camera, "view_deg": config.view}
-    given = {key: value for key, value in meta.items() if value is not None}
-    return open_recordings(
-        config.captures, config.sent, photos=config.photos, meta=given, fps=config.fps
-    )
-
-
-def are_windows(config: EvaluateConfig, door: Recordings | None) -> bool:
-    """Tell whether windows of film are decoded, which more methods read than frame pairs."""
-    if door is not None:
-        return not door.photos and any(reads_films(sent.layout) for _, sent in door.films)
-    if config.captures is not None:
-        return any(map(is_window, read_manifest(config.captures)))
-    return bool(config.films)
-
-
-def evaluate_simulated(
-    config: EvaluateConfig,
-    comparison: Condition,
-    methods: list[Method],
-    folder: RunFolder,
-    backend: Backend,
-) -> list[str]:
-    """Compare on simulated captures; return a line for each cell that failed."""
-    clock = Stopwatch()
-    methods, left_out = suited_methods(methods, comparison.source.layout)
-    print(*left_out, sep="\n", end="\n" * bool(left_out))
-    with clock.time("decoding"):
-        predicted = predict([comparison], methods, config.out / PREDICTIONS, backend)
-    failed = predicted.failed
-    meta = {**provenance(config.seed, simulated=True), "failed_cells": failed}
-    scores = score(predicted.records)
-    kind = "held-out pictures" if config.pictures is None else "your own pictures"
-    title = f"All cells (simulated captures, {kind})"
-    tables = [table.markdown() for table in (*cell_tables(scores), summary_table(scores, title))]
-    folder.write_comparison(predicted.records, meta, "\n\n".join(tables))
-    print(*tables, f"written: {config.out}/predictions.jsonl, metrics.json, tables.md", sep="\n\n")
-    if config.html:
-        amount = QUICK if config.quick else USUAL
-        run = SimulatedRun(folder, comparison, predicted.records, methods, amount)
-        with clock.time("sweeps"):
-            swept = run.write_sweeps(chosen_sweeps(config, config.sweeps), config.quick, backend)
-        with clock.time("pictures"):
-            run.write_pictures(swept)
-        with clock.time("responses"):
-            run.write_responses()
-        with clock.time("cost"):
-            run.write_cost()
-        failed = failed + swept.failed
-    folder.finish(meta, clock.seconds, [*left_out, *failed])
-    return failed
-
-
 def checked_flags(config: EvaluateConfig) -> tuple[list[Condition], Backend]:
     """Return what is compared and where it runs, or refuse wrong flags before any work."""
     at_least(1, frames=config.frames, jobs=config.jobs)
+    for flag in OF_BENCHMARK if config.benchmark else ():
+        if getattr(config, flag) != getattr(EvaluateConfig(), flag):
+            raise InputError(f"--benchmark: has conditions of its own; leave out --{flag}")
     each_once(methods=config.methods)
     for name in config.sweeps or ():
         choose(SWEEPS, name, "sweep")

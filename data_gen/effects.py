@@ -2,9 +2,10 @@
 
 from collections.abc import Iterable
 from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
 from typing import Any, TypeVar
 
-from data_gen.parameters import IDENTITY, LINEAR, Pair
+from data_gen.parameters import IDENTITY, LINEAR, Pair, read_curve
 from link.errors import InputError, ParameterError, choose
 from link.outside import parse_json
 
@@ -21,6 +22,7 @@ EFFECTS: dict[str, dict[str, Any]] = {
         "black": 0.0,
         "clip": 1.0,
         "white_level": 1.0,
+        "light_curve": (),
         "tone_curve": LINEAR,
         "encoding": "linear",
     },
@@ -107,6 +109,8 @@ def parameter_names(part: Any) -> set[str]:
 def parse_settings(texts: Iterable[str], flag: str = "--set") -> tuple[tuple[str, Any], ...]:
     """Read parameters of the channel from texts of the form ``name=value``.
 
+    A value that ends in .csv names a file with a curve.
+
     >>> parse_settings(["drift=0.1", "falloff=[3, 3, 3]"])
     (('drift', 0.1), ('falloff', (3, 3, 3)))
 
@@ -124,6 +128,9 @@ def parse_settings(texts: Iterable[str], flag: str = "--set") -> tuple[tuple[str
     settings = []
     for text in texts:
         name, equals, value = text.partition("=")
+        if value.endswith(".csv"):
+            settings.append((name, read_curve(Path(value))))
+            continue
         try:
             parsed = parse_json(value, name)
         except InputError as error:
@@ -131,12 +138,13 @@ def parse_settings(texts: Iterable[str], flag: str = "--set") -> tuple[tuple[str
             if equals:
                 problem += f" ({error})"
             raise ParameterError(flag, problem) from None
-        settings.append((name, _as_tuple(parsed)))
+        settings.append((name, as_tuple(parsed)))
     return tuple(settings)
 
 
-def _as_tuple(value: Any) -> Any:
-    return tuple(_as_tuple(part) for part in value) if isinstance(value, list) else value
+def as_tuple(value: Any) -> Any:
+    """Make tuples of the lists of a value of JSON."""
+    return tuple(as_tuple(part) for part in value) if isinstance(value, list) else value
 
 
 def _kind(value: Any) -> str:

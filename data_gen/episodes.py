@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 import torch
-from joblib import Parallel, delayed
 from numpy.typing import NDArray
 from torch import Tensor
 from tqdm import tqdm, trange
@@ -15,6 +14,7 @@ from data_gen.augment import augment
 from data_gen.channel.optics import check_view
 from data_gen.effects import EFFECTS
 from data_gen.frame_pair import Cell, FramePair, Source
+from data_gen.processes import reusable_processes
 from link.embed import check_kappa
 from link.errors import ParameterError, choose, each_once
 
@@ -107,10 +107,8 @@ def simulate_episodes(
         kept = {name: value for name, value in drawn.items() if name not in absent}
         kept |= dict(source.parameters)
         sources.append(replace(source, parameters=tuple(kept.items())))
-    results = Parallel(n_jobs=jobs, return_as="generator")(
-        delayed(_rectified)(varied, cell, int(index))
-        for varied, cell, index in zip(sources, cells, order, strict=True)
-    )
+    in_parallel = map if jobs == 1 else reusable_processes(jobs).map
+    results = in_parallel(_rectified, sources, cells, order.tolist())
     done = list(tqdm(results, total=len(cells), desc="simulate", unit="pair"))
     original, embedded, bits = (
         torch.from_numpy(np.stack(part)) for part in zip(*done, strict=True)

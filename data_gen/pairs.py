@@ -23,10 +23,22 @@ import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
-from data_gen.parameters import Camera, Curve, Display, Matrix, Nuisance, Pair, Setup
+from data_gen.effects import as_tuple, with_parameter
+from data_gen.parameters import (
+    Camera,
+    Curve,
+    Display,
+    Matrix,
+    Nuisance,
+    Pair,
+    Setup,
+    read_curve,
+)
 from data_gen.today import TODAY
-from link.errors import choose
+from link.errors import InputError, choose
+from link.outside import read_json
 
 
 def _curve(x: tuple[float, ...], y: tuple[float, ...]) -> Curve:
@@ -219,15 +231,33 @@ GROUPS = {"paper": tuple(PAIRS), "today": tuple(TODAY)}
 
 
 def get_pair(name: str) -> Pair:
-    """Return a camera-display pair by its name.
+    """Return a camera-display pair by its name, or one of one's own by its file, NAME.json.
 
     >>> get_pair("canon-lg").camera.name
     'Canon EOS Rebel XSi'
 
     Raises:
-        InputError: no pair has this name; the message lists those that there are.
+        InputError: no pair has this name; the message lists those that there are. Or the file is
+            not there, or wrong.
     """
-    return choose(PAIRS | TODAY, name, "pair")
+    return _own_pair(Path(name)) if name.endswith(".json") else choose(PAIRS | TODAY, name, "pair")
+
+
+def _own_pair(file: Path) -> Pair:
+    """Read a pair: "base" names the one from which it differs by the parameters of "set"."""
+    content = read_json(file)
+    if not isinstance(content, dict) or not {"base"} <= set(content) <= {"base", "set"}:
+        raise InputError(f'{file}: need {{"base": PAIR, "set": {{PARAMETER: VALUE, ...}}}}')
+    pair, changes = get_pair(str(content["base"])), content.get("set", {})
+    if not isinstance(changes, dict):
+        raise InputError(f"{file}: set must name parameters and their values")
+    for name, value in changes.items():
+        if isinstance(value, str) and value.endswith(".csv"):
+            changed: Any = read_curve(file.parent / value)
+        else:
+            changed = as_tuple(value)
+        pair = with_parameter(pair, name, changed)
+    return replace(pair, name=file.name)
 
 
 def pair_names(names: Sequence[str], flag: str = "--pairs") -> tuple[str, ...]:
@@ -237,12 +267,13 @@ def pair_names(names: Sequence[str], flag: str = "--pairs") -> tuple[str, ...]:
     ('canon-lg', 'phone-laptop', 'phone-sixbit')
 
     Args:
-        names: names of pairs and of `GROUPS`.
+        names: names of pairs and of `GROUPS`, and files of pairs of one's own.
         flag: command-line flag that the error names.
 
     Raises:
         InputError: a name is neither a pair's nor a group's; the message lists all of them.
     """
     single = {name: (name,) for name in PAIRS | TODAY}
+    single |= {name: (name,) for name in names if name.endswith(".json")}
     found = [choose(GROUPS | single, name, f"name in {flag}") for name in names]
     return tuple(name for group in found for name in group)

@@ -3,9 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Self, get_args, get_origin, get_type_hints
 
 from link.errors import InputError, choose
+from link.outside import read_bounded
 
 RGB = tuple[float, float, float]
 """One number for each of the channels R, G and B."""
@@ -15,6 +17,8 @@ Matrix = tuple[RGB, RGB, RGB]
 """Rows of a matrix that maps colours to colours."""
 IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 """Matrix that leaves every colour as it is."""
+MAX_CURVE_BYTES = 2**20
+"""Largest size of a file with a curve, bytes."""
 LINEAR: Curve = ((0.0, 0.0), (1.0, 1.0))
 """Tone curve that leaves light as it is."""
 ENCODINGS = {"srgb": "IEC 61966-2-1", "linear": "none"}
@@ -72,6 +76,42 @@ class Limited:
                 )
             if kind is int and value != int(value):
                 raise InputError(f"{self.name}: {field} must be a whole number, got {value!r}")
+
+
+def check_curve(curve: Any, name: str) -> Curve:
+    """Return a curve that runs from (0, 0) to (1, 1) and rises all the way.
+
+    Args:
+        curve: its nodes.
+        name: what it is called in messages.
+
+    Raises:
+        InputError: it is no such curve.
+    """
+    if _shape(curve) is None or _shape(curve) != (len(curve), 2):
+        raise InputError(f"{name} must be a list of pairs of numbers")
+    if len(curve) < 2 or tuple(curve[0]) != (0.0, 0.0) or tuple(curve[-1]) != (1.0, 1.0):
+        raise InputError(f"{name} must run from (0, 0) to (1, 1)")
+    if not all(a[0] < b[0] and a[1] < b[1] for a, b in pairwise(curve)):
+        raise InputError(f"{name} must increase strictly in both coordinates")
+    return tuple((float(a), float(b)) for a, b in curve)
+
+
+def read_curve(file: Path) -> Curve:
+    """Read a curve from a CSV file: two columns, input and output, from 0 to 1; heads may be above.
+
+    Raises:
+        InputError: the file is not there, or holds no curve.
+    """
+    nodes = []
+    lines = read_bounded(file, MAX_CURVE_BYTES).decode("utf-8-sig", "replace").splitlines()
+    for number, line in enumerate(lines, 1):
+        try:
+            nodes.append(tuple(float(text) for text in line.replace(";", ",").split(",")))
+        except ValueError:
+            if number > 1 and line.strip():  # the first line may be heads
+                raise InputError(f"{file}: line {number} holds no two numbers") from None
+    return check_curve(tuple(nodes), str(file))
 
 
 def _shape(value: Any) -> tuple[int, ...] | None:
@@ -132,6 +172,9 @@ class Display(Limited):
     """Luminance of frontal white, cd/m^2, for cameras that choose their exposure."""
     refresh_hz: Annotated[float, Limits(1.0, 1000.0)] = 60.0
     """Number of times a second that the panel writes the picture, in a film."""
+    light_curve: Curve = ()
+    """Nodes (in, out) of the light by displayed value, both from 0 to 1, in place of ``gamma``; a
+    monotone cubic spline joins them. None where ``gamma`` holds."""
     scan: str = "down"
     """Order in which the panel writes the picture, a key of `SCANS`."""
     rise_s: Annotated[RGB, Limits(0.0, 1.0)] = (0.004, 0.004, 0.004)
@@ -150,6 +193,8 @@ class Display(Limited):
         super().__post_init__()
         choose(PANELS, self.panel, f"panel of {self.name}")
         choose(SCANS, self.scan, f"scan of {self.name}")
+        if self.light_curve:
+            check_curve(self.light_curve, f"{self.name}: light_curve")
 
 
 @dataclass(frozen=True)
@@ -209,13 +254,7 @@ class Camera(Limited):
         choose(ENCODINGS, str(self.encoding), f"encoding of {self.name}")
         if not all(0.998 <= sum(row) <= 1.002 for row in self.color_matrix):
             raise InputError(f"{self.name}: rows of color_matrix must sum to 1")
-        curve = self.tone_curve
-        if _shape(curve) is None or _shape(curve) != (len(curve), 2):
-            raise InputError(f"{self.name}: tone_curve must be a list of pairs of numbers")
-        if len(curve) < 2 or curve[0] != (0.0, 0.0) or curve[-1] != (1.0, 1.0):
-            raise InputError(f"{self.name}: tone_curve must run from (0, 0) to (1, 1)")
-        if not all(a[0] < b[0] and a[1] < b[1] for a, b in pairwise(curve)):
-            raise InputError(f"{self.name}: tone_curve must increase strictly in both coordinates")
+        check_curve(self.tone_curve, f"{self.name}: tone_curve")
 
     def filming(self, fps: float, shutter: float | None = None) -> Self:
         """Return this camera as it is set to film.

@@ -43,6 +43,8 @@ REPORT = "report.html"
 """Name of the page of a run."""
 PREDICTIONS, SWEPT = "predictions.jsonl", "sweeps.jsonl"
 """Names of the files of the predictions of the main comparison, and of the sweeps."""
+CSV = "metrics.csv"
+"""Name of the file of the scores that spreadsheets and pandas read: a row a cell and method."""
 CONFIG = "config.json"
 """Name of the file in a run's folder that holds its settings; it is written first."""
 
@@ -300,7 +302,7 @@ class RunFolder:
         scores = score(records)
         write_scores(self.path / "metrics.json", scores, meta)
         rows = pd.DataFrame([asdict(row) for row in to_score_rows(scores)])
-        write_bytes(self.path / "metrics.csv", rows.to_csv(index=False).encode())
+        write_bytes(self.path / CSV, rows.to_csv(index=False).encode())
         write_bytes(self.path / "tables.md", f"{tables}\n".encode())
 
     def write_sweeps(self, sweeps: Sequence[SweepCurve]) -> None:

@@ -18,11 +18,13 @@ from link.code.fine import MAX_MESSAGE, USUAL_REDUNDANCY
 from link.code.framing import encode, frames_needed
 from link.embed import check_kappa
 from link.errors import InputError, ParameterError, at_least
+from link.files.lock import locked
 from link.layout import MODULATIONS, Layout, read_layout
 from link.loop import Loop
 from link.outside import read_bounded
 from link.placement import FITS
 from link.presets import DEFAULT_PRESET, PRESETS, Preset, least_camera_fps, needed_camera_fps
+from sender.bench import SECONDS, write_bench
 from sender.hiding import Hiding, Onlooker
 from sender.pictures import is_film, note_coarse, open_pictures
 from sender.player import PLAYED
@@ -30,6 +32,8 @@ from sender.write import output_kind, write_loop
 
 GRID_FLAGS = ("rows", "cols", "width", "height", "ratex", "modulation", "pilots")
 """Flags that describe a layout; those that are absent have the preset's values."""
+BENCH_FLAGS = ("bench", "pictures", "out", "size", "fit", "refresh", "max_megapixels")
+"""Flags that --bench takes, by their names in Python."""
 USUAL_REFRESH = 60.0
 """Refreshes of the display in a second where --refresh is absent."""
 SAME_RATE = 0.02
@@ -165,7 +169,9 @@ def send_parser() -> Parser:
     """Make the parser of the command line."""
     parser = Parser(prog="python -m sender", description=main.__doc__)
     add, usual = parser.add_argument, Onlooker()
-    add("pictures", type=Path, help="an image, a folder of images, or a video")
+    add("pictures", type=Path, nargs="?", help="an image, a folder of images, or a video")
+    bench = "show presets and grids in turn, to find what a camera reads (no message; docs)"
+    add("--bench", action="store_true", help=bench)
     add("--seconds", type=float, help="for which each image of a folder stays (a frame pair)")
     add("--message", help="text to send")
     add("--file", type=Path, help="file to send, instead of --message")
@@ -208,6 +214,27 @@ def send_parser() -> Parser:
     return parser
 
 
+def show_bench(args: argparse.Namespace, kind: str) -> None:
+    """Write the page of the bench, and print its parts as one line of JSON.
+
+    Raises:
+        InputError: a flag is given that the bench does not take, or the output is no good.
+    """
+    usual = vars(send_parser().parse_args(["--out", "bench.html"]))
+    for name, value in vars(args).items():
+        if value != usual[name] and name not in BENCH_FLAGS:
+            raise ParameterError(name, "--bench has settings of its own; leave it out")
+    if kind != ".html":
+        raise ParameterError("out", "--bench writes a page; name a new .html")
+    with locked(args.out.parent, args.out.name):
+        if args.out.exists():
+            raise ParameterError("out", f"{args.out} is already there; choose another name")
+        pictures = open_pictures(args.pictures, 1.0, args.max_megapixels) if args.pictures else None
+        fit = args.fit or ("cover" if args.size is None else "contain")
+        parts = write_bench(args.out, pictures, args.size, fit, args.refresh)
+    print(json.dumps({"out": str(args.out), "seconds": SECONDS * len(parts), "parts": parts}))
+
+
 def main() -> None:
     """Hide a message in pictures and write what a display shows: a player, a video or images.
 
@@ -217,6 +244,11 @@ def main() -> None:
     """
     args = check_flags(send_parser().parse_args())
     kind = output_kind(args.out)
+    if args.bench:
+        show_bench(args, kind)
+        return
+    if args.pictures is None:
+        raise InputError("name a picture, a folder of pictures or a video")
     message = message_of(args.message, args.file)
     preset = PRESETS[args.preset]
     layout = choose_layout(preset, args.layout, {name: getattr(args, name) for name in GRID_FLAGS})

@@ -87,6 +87,20 @@ def write_player(
     Raises:
         InputError: more pixels than a browser can be asked to hold, or the file is not writable.
     """
+    _write_page(path, player_page(loop, state_hz, flickers or {}))
+
+
+def player_page(loop: Loop, state_hz: float, flickers: Mapping[float, str]) -> dict[str, Any]:
+    """Describe a loop to the page that plays it, in JSON's types.
+
+    Args:
+        loop: what to show; all its carriers are taken.
+        state_hz: states a second.
+        flickers: as `write_player` takes them.
+
+    Raises:
+        InputError: more pixels than a browser can be asked to hold.
+    """
     layout = loop.shown_layout
     rule = Compact(layout, loop.kappa, loop.pyramid_level)
     bits: list[str] = []
@@ -116,7 +130,7 @@ def write_player(
                 "write a video, or use fewer pictures or a smaller size"
             )
     more = {"bits": bits, "pictures": pictures, "steps": steps, "shown": shown, "changes": changes}
-    _write_page(path, loop, rule, state_hz, flickers or {}, more)
+    return _page(loop, rule, state_hz, flickers, more)
 
 
 def write_film_player(
@@ -166,7 +180,7 @@ def write_film_player(
         page["parts"] = _write_parts(path, film)
     bits = [(ord("0") + each.bits).tobytes().decode() for each in loop.carriers()]
     more = {"bits": bits, "pictures": [], "steps": [None], "shown": [0] * len(bits), "changes": []}
-    _write_page(path, loop, rule, state_hz, flickers or {}, {**more, "film": page})
+    _write_page(path, _page(loop, rule, state_hz, flickers or {}, {**more, "film": page}))
 
 
 def window_of(width: int, height: int, placement: Placement) -> tuple[int, int, int, int]:
@@ -195,17 +209,16 @@ def _write_parts(path: Path, film: Path) -> list[str]:
     return names
 
 
-def _write_page(
-    path: Path,
+def _page(
     loop: Loop,
     rule: Compact,
     state_hz: float,
     flickers: Mapping[float, str],
     more: dict[str, Any],
-) -> None:
-    """Write a page with what it shows, in JSON's types."""
+) -> dict[str, Any]:
+    """Say how a page shows a loop, with what it shows, in JSON's types."""
     layout = rule.layout
-    page = {
+    return {
         **rule_page(rule, state_hz, flickers),
         "width": layout.width,
         "height": layout.height,
@@ -213,9 +226,13 @@ def _write_page(
         "patches": packed(rule.patches) if layout.ratex else None,
         **more,
     }
+
+
+def _write_page(path: Path, page: dict[str, Any]) -> None:
+    """Write a player's page with what it shows."""
     text = f">{json.dumps(page, separators=(',', ':'))}<"
     template = TEMPLATE.read_text("utf-8")
-    if "parts" in more.get("film", {}):
+    if "parts" in page.get("film", {}):
         template = template.replace(SCRIPTS, f"{SCRIPTS} 'self' file:", 1)
     text = template.replace(PLACE, text)
     write_bytes(path, text.encode())

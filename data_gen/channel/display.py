@@ -6,6 +6,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
 
 from data_gen.parameters import Display
 
@@ -20,7 +21,8 @@ class Emission:
     Per channel c, with x = min(1, rho / (255 clip)) and s = sin(theta)^2,
         light_c = u (e_c(theta) ((1 - b) ((1 - w) x^gamma_c + w x^gamma_w) + b) + leak s),
         e_c(theta) = cos(theta)^falloff_c,  w = washout s,  b = black,
-    and u falls from 1 in the centre by ``edge_loss`` to the corners. All but x depends on the place
+    and u falls from 1 in the centre by ``edge_loss`` to the corners. Where the display has a
+    ``light_curve``, it takes the place of x^gamma_c. All but x depends on the place
     alone, so it is worked out once for all frames.
     """
 
@@ -46,7 +48,11 @@ class Emission:
             theta: (H, W) viewing angle at each pixel, radians from the normal.
         """
         x = np.minimum(1.0, np.arange(256) / (255 * display.clip))[:, None]
-        curves = ((1 - display.black) * x ** np.array(display.gamma)).astype(np.float32)
+        bright = x ** np.array(display.gamma)
+        if display.light_curve:
+            nodes = np.array(display.light_curve)
+            bright = np.repeat(PchipInterpolator(*nodes.T)(x), 3, axis=1)
+        curves = ((1 - display.black) * bright).astype(np.float32)
         washed = ((1 - display.black) * x**display.washout_gamma - curves).astype(np.float32)
         sine2 = np.square(np.sin(theta, dtype=np.float32))[:, :, None]
         uniformity = fall_to_corners(display.edge_loss, *theta.shape)[:, :, None]

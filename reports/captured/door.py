@@ -15,12 +15,14 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from link.captures import MANIFEST, KnownWindow, save_captures
+from link.captures import MANIFEST, KnownWindow, is_window, read_manifest, save_captures
 from link.errors import InputError
 from link.frames import Captured
 from link.images import image_files, read_image, write_bytes
+from link.layout import Layout
 from link.observation import Observation
 from link.outside import is_file
+from models.film.window import reads_films
 from receiver.receiver import STILL
 from receiver.sources import open_source
 from receiver.tracking.two_images import find_in_both, state_change
@@ -43,8 +45,9 @@ Known = KnownWindow | Captured
 class Recordings:
     """What was recorded, and what was shown; nothing is decoded yet."""
 
-    films: tuple[tuple[Path, Sent], ...]
-    """Films and what each shows; one folder where it holds photographs."""
+    films: tuple[tuple[Path, tuple[Sent, ...]], ...]
+    """Films and what each shows, a loop or those of a bench; one folder where it holds photographs.
+    """
     photos: bool
     """Whether the folder holds photographs of the states, one of each in order."""
     meta: dict[str, Any]
@@ -55,10 +58,20 @@ class Recordings:
     @property
     def digest(self) -> str:
         """Digest of all files: another film in the same place is another run."""
-        parts = [sent.digest for _, sent in self.films]
+        parts = [sent[0].digest for _, sent in self.films]
         for film, _ in self.films:
             parts.append(file_digest(image_files(film) if film.is_dir() else [film]))
         return short_digest(*parts)
+
+    @property
+    def layouts(self) -> list[Layout]:
+        """Layouts that are shown, each once."""
+        return list(dict.fromkeys(each.layout for _, sent in self.films for each in sent))
+
+    @property
+    def are_windows(self) -> bool:
+        """Whether windows of film are decoded, of some layout at least."""
+        return not self.photos and any(map(reads_films, self.layouts))
 
     def record(self, folder: Path) -> list[str]:
         """Write the captures to a folder, unless it holds them already.
@@ -75,26 +88,106 @@ class Recordings:
         captures: list[Known] = []
         seen: list[dict[str, Any]] = []
         notes: list[str] = []
-        for film, sent in self.films:
-            view: dict[str, Any] = {"film": film.name}
-            if self.photos:
-                found = photographed(film, sent)
-            else:
-                reception = watch(film, sent, self.fps)
-                found, left_out = truths(film, reception, sent)
-                notes += left_out
-                view |= reception.seen
+        for film, shown in self.films:
             angle = re.search(r"(\d+)deg", film.stem)
             meta = {"film": film.name} | ({"view_deg": float(angle[1])} if angle else {})
             meta = {"pair": film.stem} | meta | self.meta
-            captures += [
-                replace(each, kappa=sent.kappa, meta={**meta, **each.meta}) for each in found
-            ]
-            seen.append(view)
+            for sent, found, view in self.received(film, shown, notes):
+                name = f"{film.name}: {sent.part}" if sent.part else film.name
+                own = {"film": name, "pair": sent.part} if sent.part else {}
+                captures += [
+                    replace(each, kappa=sent.kappa, meta={**meta, **own, **each.meta})
+                    for each in found
+                ]
+                seen.append({"film": name, **view})
+        if not captures:
+            raise InputError("nothing of what --sent shows could be read; " + "; ".join(notes))
         content = {"films": seen, "notes": notes}
         write_bytes(folder / FILMS, (json.dumps(content, indent=1) + "\n").encode())
         save_captures(folder, captures)
         return notes
+
+    def received(
+        self, film: Path, shown: tuple[Sent, ...], notes: list[str]
+    ) -> Iterator[tuple[Sent, list[Known], dict[str, Any]]]:
+        """Give each loop that a film shows, its observations, and what the receiver saw of it.
+
+        Args:
+            film: a film, or a folder of photographs.
+            shown: the loop, or those of a bench.
+            notes: gets a line on what was left out.
+        """
+        if self.photos:
+            yield shown[0], photographed(film, shown[0]), {}
+        elif not shown[0].part:
+            reception = watch(film, shown[0].layout, self.fps)
+            if not reception.cuts:
+                raise InputError(f"{film}: {reception.seen['silence']}")
+            found, left_out = truths(film, reception, shown[0])
+            notes += left_out
+            yield shown[0], found, reception.seen
+        else:
+            for layout in dict.fromkeys(sent.layout for sent in shown):
+                reception = watch(film, layout, self.fps)
+                for sent in (each for each in shown if each.layout == layout):
+                    found, seconds = bench_part(reception, sent)
+                    notes.append(f"{film.name}: {sent.part}: {seconds:.1f} s of it are read")
+                    if found:
+                        yield sent, found, {**reception.seen, "state_hz": sent.state_hz}
+
+
+def bench_part(reception: Reception, sent: Sent) -> tuple[list[Known], float]:
+    """Give the observations of a film of a bench that show one of its parts, and their seconds."""
+    found: list[Known] = []
+    seconds = 0.0
+    for cut in reception.cuts:
+        match = match_loop(cut.scores, sent.bits)
+        if match.kind == "fits":
+            found += cut.known(match.bits, ends=False)
+            seconds += cut.end_s - cut.begin_s
+    return found, seconds
+
+
+def own_recordings(
+    captures: Path | None, sent: Path | None, *, fps: float | None, **meta: Any
+) -> Recordings | None:
+    """Open own films or photographs where --sent says what was shown; else return None.
+
+    Args:
+        captures: value of --captures, None where absent.
+        sent: value of --sent, None where absent.
+        fps: value of --fps, None where absent.
+        **meta: "photos", "pair" and "view_deg", the values of --photos, --camera and --view; None
+            where absent.
+
+    Raises:
+        InputError: a flag is there without the one that it needs, or what was sent is no good.
+    """
+    given = {key: value for key, value in meta.items() if value is not None}
+    if captures is None or sent is None:
+        if captures is None and sent is not None:
+            raise InputError("--sent: is about own recordings, and needs --captures")
+        for key, value in {**given, "fps": fps}.items():
+            if value is not None:
+                flag = {"pair": "camera", "view_deg": "view"}.get(key, key)
+                raise InputError(
+                    f"--{flag}: is about own recordings, and needs --captures and --sent"
+                )
+        return None
+    photos = bool(given.pop("photos", False))
+    return open_recordings(captures, sent, photos=photos, meta=given, fps=fps)
+
+
+def holds_windows(captures: Path | None, recordings: Recordings | None) -> bool:
+    """Tell whether windows of film are decoded, which more methods read than frame pairs.
+
+    Args:
+        captures: a folder with a manifest, or own recordings; None where all is simulated.
+        recordings: the own recordings; None where there are none.
+    """
+    if recordings is not None:
+        return recordings.are_windows
+    return captures is not None and any(map(is_window, read_manifest(captures)))
 
 
 def open_recordings(
@@ -122,7 +215,7 @@ def open_recordings(
         videos = [each for each in inner if each.suffix.lower() in VIDEOS]
         folders = [each for each in inner if each.is_dir() and any(each.glob("*.png"))]
         films = videos + folders or films
-    read: dict[Path, Sent] = {}
+    read: dict[Path, tuple[Sent, ...]] = {}
     for film in films:
         own = sent_of(sent, film)
         if own not in read:
@@ -130,11 +223,11 @@ def open_recordings(
     return Recordings(tuple((f, read[sent_of(sent, f)]) for f in films), photos, meta, fps)
 
 
-def watch(film: Path, sent: Sent, fps: float | None) -> Reception:
+def watch(film: Path, layout: Layout, fps: float | None) -> Reception:
     """Receive a film to its end.
 
     Raises:
-        InputError: it cannot be read, or its display was not found.
+        InputError: it cannot be read.
     """
     source = open_source(str(film), fps)
 
@@ -142,10 +235,7 @@ def watch(film: Path, sent: Sent, fps: float | None) -> Reception:
         for frame in tqdm(source.frames, desc=film.name, unit="frame"):
             yield frame.image, frame.time
 
-    reception = receive_film(frames(), source.fps, sent.layout, apart=True)
-    if not reception.cuts:
-        raise InputError(f"{film}: {reception.seen['silence']}")
-    return reception
+    return receive_film(frames(), source.fps, layout, apart=True)
 
 
 def truths(film: Path, reception: Reception, sent: Sent) -> tuple[list[Known], list[str]]:

@@ -36,16 +36,23 @@ class Sent:
     """(loop pairs, n_bits) bits of the loop's frame pairs, 0 or 1."""
     digest: str
     """SHA-256 of the files that say so."""
+    part: str = ""
+    """Name of the part of a bench that shows it; empty where nothing else is shown."""
+    state_hz: float | None = None
+    """States shown in a second; None where that is not known."""
 
 
-def read_sent(path: Path) -> Sent:
+def read_sent(path: Path) -> tuple[Sent, ...]:
     """Read what was sent from a player's HTML, a folder of states, or its sent.json.
+
+    Returns:
+        the loop, or those of a bench (`sender.bench`), which are shown one after another.
 
     Raises:
         InputError: it is none of these, or damaged.
     """
     if path.suffix.lower() in (".html", ".htm"):
-        return _of_player(path)
+        return _of_page(path)
     folder = path.parent if path.name == SENT else path
     layout, kappa = read_settings(folder)
     states = sorted(folder.glob("state_*.png"))
@@ -55,7 +62,7 @@ def read_sent(path: Path) -> Sent:
     for number in range(len(states) // 2):
         shown = states[2 * number : 2 * number + 2]
         bits.append(sent_bits(shown[:: layout.code.sign(number)], layout, kappa))
-    return Sent(layout, kappa, np.stack(bits), file_digest([folder / SENT, *states]))
+    return (Sent(layout, kappa, np.stack(bits), file_digest([folder / SENT, *states])),)
 
 
 def read_settings(folder: Path) -> tuple[Layout, int]:
@@ -102,21 +109,31 @@ def sent_bits(states: Sequence[Path], layout: Layout, kappa: int) -> NDArray[np.
     return np.asarray(ones[layout.message_mask], np.intp)
 
 
-def _of_player(path: Path) -> Sent:
-    """Read the loop that the page of a player holds."""
+def _of_page(path: Path) -> tuple[Sent, ...]:
+    """Read the loop that the page of a player holds, or those of a bench."""
     if not is_file(path):
         raise InputError(f"--sent: {path}: no such file")
     text = read_bounded(path, MOST_BYTES).decode("utf-8", "replace")
     _, _, rest = text.partition(BEGIN)
     try:
         page = parse_json(rest.partition(END)[0], "its loop")
-        layout = _layout_of(page)
-        bits = np.array([list(map(int, pair)) for pair in page["bits"]], np.int64)
-        if bits.ndim != 2 or bits.shape[1] != layout.n_bits or not np.isin(bits, (0, 1)).all():
-            raise ValueError("bits that do not fit its grid")
-        return Sent(layout, check_kappa(page["kappa"]), bits, file_digest([path]))
+        digest = file_digest([path])
+        if "parts" not in page:
+            return (_of_loop(page, _layout_of(page), digest),)
+        return tuple(
+            _of_loop(part["loop"], Layout.from_dict(part["layout"]), digest, part["name"])
+            for part in page["parts"]
+        )
     except (InputError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"--sent: {path} is no player of python -m sender ({error})") from None
+
+
+def _of_loop(page: Any, layout: Layout, digest: str, part: str = "") -> Sent:
+    """Take what is sent from what a page plays, as JSON has it."""
+    bits = np.array([list(map(int, pair)) for pair in page["bits"]], np.int64)
+    if bits.ndim != 2 or bits.shape[1] != layout.n_bits or not np.isin(bits, (0, 1)).all():
+        raise ValueError("bits that do not fit its grid")
+    return Sent(layout, check_kappa(page["kappa"]), bits, digest, part, float(page["state_hz"]))
 
 
 def _layout_of(page: Any) -> Layout:

@@ -17,10 +17,10 @@ from importlib import import_module
 from typing import Any, TypeVar
 
 import cv2
-from joblib.externals.loky import get_reusable_executor
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
+from data_gen.processes import reusable_processes
 from link.errors import InputError
 
 T = TypeVar("T")
@@ -29,10 +29,6 @@ BACKENDS = ("loky", "dask")
 """Names that ``--backend`` takes: processes of this machine, or workers of a Dask cluster."""
 CONNECT_S = 10
 """Seconds to wait for the scheduler, and for its first worker."""
-IDLE_S = 300
-"""Seconds after which a process of this machine ends that got no further task."""
-ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL")}
-"""Variables of the environment of processes of this machine, before their first import."""
 
 
 @dataclass(frozen=True)
@@ -190,7 +186,7 @@ def _executor(backend: Backend) -> Iterator[Executor]:
         with _connect(backend.scheduler) as client:
             yield client.get_executor(pure=False)
         return
-    executor = get_reusable_executor(backend.jobs, timeout=IDLE_S, env=ONE_THREAD)
+    executor = reusable_processes(backend.jobs)
     try:
         yield executor
     except BaseException:

@@ -17,6 +17,7 @@ import pandas as pd
 
 from data_gen.channel.optics import check_view
 from data_gen.frame_pair import Cell, FramePair, Source
+from data_gen.pairs import get_pair
 from link.captures import KnownWindow, load_entry, read_manifest
 from link.embed import check_kappa
 from link.errors import InputError, UnsuitedError, each_once
@@ -154,7 +155,7 @@ def predict(
     tasks = []
     for condition in conditions:
         mine = tuple(method for method in ordered if method.label not in condition.without)
-        marks = {m.label: fingerprint(condition.source, condition.frames, m) for m in mine}
+        marks = {m.label: fingerprint(condition, m) for m in mine}
         tasks += [Task(condition, cell, mine, marks) for cell in condition.cells]
     part = file.with_name(f"{file.name}.part")
     with locked(file.parent):
@@ -247,7 +248,7 @@ def decode_cell(task: Task) -> list[Line]:
 def decode_cell_elsewhere(task: Task) -> list[Line]:
     """`decode_cell` on a machine that must first be found to be like the one that asks."""
     for method in task.methods:
-        own = fingerprint(task.condition.source, task.condition.frames, method)
+        own = fingerprint(task.condition, method)
         if own != task.marks[method.label]:
             raise InputError(
                 f"worker {platform.node()} has other code, packages, checkpoints or pictures at "
@@ -289,16 +290,19 @@ def _(source: Source, cell: Cell, index: int, equalised: bool) -> tuple[Observat
     return pair.rectified, truth_of(pair.captured)
 
 
-def fingerprint(source: ObservationSource, frames: int, method: Method) -> str:
+def fingerprint(condition: Condition, method: Method) -> str:
     """First digits of the SHA-256 of all that decides a method's predictions of a cell.
 
     Processors are left out, and so are the names of the method and of the condition.
     """
+    source = condition.source
     module = method.card.target.partition(":")[0]
     options: list[Any] = [option for option in method.options if option[0] != "checkpoint"]
     options += ["by pairs"] * method.by_pairs
+    files = sorted({cell.pair for cell in condition.cells if cell.pair.endswith(".json")})
     return short_digest(
-        repr((STORED_VERSION, source, frames, method.name, options)),
+        repr((STORED_VERSION, source, condition.frames, method.name, options)),
+        *(repr(get_pair(file)) for file in files),
         code_digest(type(source).__module__, module),
         outside_digest(module),
         checkpoint_digest(method, source.layout),

@@ -123,8 +123,8 @@ class SimulatedRun:
         }
         records = pd.concat([self.predicted, swept.records], ignore_index=True)
         erred = set(records.loc[records["correct"] < records["known"], "method"])
-        told = [method for method in best if method in erred] or shown[:1]
-        strips, failures = self.amount.strips, self.amount.failures
+        told = [*(m for m in best if m in erred), *sorted(erred - set(best))] or shown[:1]
+        strips, failures = self.amount.strips, max(self.amount.failures, len(told))
         stories = simulated_stories(
             records, places, shown, told, equalised, self.folder.path, strips, failures
         )

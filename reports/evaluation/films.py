@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import pandas as pd
 
 from link.errors import at_least
 from reports.engine.backends import Backend
-from reports.engine.methods import Method, suited_to_films
-from reports.engine.predict import Condition, paper_cells, predict
+from reports.engine.methods import Method, suited_methods, suited_to_films
+from reports.engine.predict import Condition, Predicted, paper_cells, predict
 from reports.engine.provenance import provenance
 from reports.evaluation.evidence import Stopwatch
 from reports.films import FilmSource, film_settings
@@ -42,6 +43,33 @@ def film_conditions(
     return conditions
 
 
+def predict_suited(
+    conditions: Sequence[Condition], methods: Sequence[Method], file: Path, backend: Backend
+) -> tuple[Predicted, list[str]]:
+    """Decode each condition, of films or frame pairs, with the methods that suit it.
+
+    Args:
+        conditions: conditions with different names.
+        methods: methods with different labels.
+        file: takes the predictions.
+        backend: where cells are decoded.
+
+    Returns:
+        what was decoded, and a line for each method that was left out of a condition; the lines are
+        printed, too.
+    """
+    suited, notes = [], []
+    for condition in conditions:
+        source = condition.source
+        choose_suited = suited_to_films if isinstance(source, FilmSource) else suited_methods
+        mine, left_out = choose_suited(methods, source.layout)
+        without = tuple(method.label for method in methods if method not in mine)
+        suited.append(replace(condition, without=without))
+        notes += [f"{condition.name}: {line}" for line in left_out]
+    print(*notes, sep="\n", end="\n" * bool(notes))
+    return predict(suited, methods, file, backend), notes
+
+
 def evaluate_films(
     conditions: Sequence[Condition],
     methods: Sequence[Method],
@@ -61,16 +89,9 @@ def evaluate_films(
     Returns:
         a line for each cell that failed.
     """
-    suited, notes = [], []
-    for condition in conditions:
-        mine, left_out = suited_to_films(methods, condition.source.layout)
-        without = tuple(method.label for method in methods if method not in mine)
-        suited.append(replace(condition, without=without))
-        notes += [f"{condition.name}: {line}" for line in left_out]
-    print(*notes, sep="\n", end="\n" * bool(notes))
     clock = Stopwatch()
     with clock.time("decoding"):
-        predicted = predict(suited, methods, folder.path / PREDICTIONS, backend)
+        predicted, notes = predict_suited(conditions, methods, folder.path / PREDICTIONS, backend)
     records, tables = predicted.records, []
     for condition in conditions:
         mine = records[records["condition"] == condition.name]

@@ -35,8 +35,10 @@ from reports.render.tables import (
     Table,
     cell_tables,
     summary_table,
+    tables_by,
 )
 from reports.run import (
+    CSV,
     MAX_PICTURE_BYTES,
     REPORT,
     Cost,
@@ -53,6 +55,7 @@ SECTIONS = {
     "summary": "Summary",
     "ablation": "Ablation",
     "films": "Films",
+    "by": "By angle, picture and pair",
     "paper": "The paper’s tables",
     "sweeps": "Sweeps",
     "reliability": "Reliability",
@@ -103,9 +106,11 @@ def report_page(run: Run) -> str:
     paper, sweeps = paper_tables(run), sweep_charts(run, swept)
     kinds = {story.kind for story in run.stories}
     cost = exhibits.cost_table(run.cost) if run.cost else None
+    by, kind = tables_by(run.records), "simulated" if run.simulated else "recorded"
     filled: dict[str, object] = {
         "ablation": run.about.settings.get("ablation"),
         "films": run.films,
+        "by": by,
         "paper": paper,
         "sweeps": sweeps,
         "reliability": curves,
@@ -132,7 +137,9 @@ def report_page(run: Run) -> str:
         films=film_exhibits(run.films) if run.films else None,
         paper=paper,
         sweeps=sweeps,
-        reliability=calibration_table(curves) if curves else None,
+        by=by,
+        csv=CSV,
+        reliability=calibration_table(curves, kind) if curves else None,
         reliability_charts=reliability_charts(curves),
         reliability_bits=SHOWN_BITS,
         responses=response_charts(run.responses),

@@ -19,7 +19,10 @@ REFERENCE = ("pairs", "views", "kappas", "pictures", "without", "set")
 """Flags that the reference comparison, with the paper's 36 cells, leaves as they usually are."""
 OF_SIMULATION = (*REFERENCE, "frames", "sweeps", "quick", "ratex")
 """Settings that say what is simulated. They say nothing of captures from a folder."""
-LATER = ("ablation", "display_size", "even", "films", "sent", "photos", "camera", "view", "fps")
+LATER = (
+    *("ablation", "benchmark", "display_size", "even", "films", "sent", "photos", "camera"),
+    *("view", "fps"),
+)
 """Flags that runs of before have always been without, so that their defaults are not named."""
 
 

@@ -147,7 +147,7 @@ def captured_stories(
         shown: methods whose bits are drawn, the best one last.
         folder: folder of the run.
         strips: largest number of first captures.
-        failures: largest number of captures with most wrong bits of the best method.
+        failures: largest number of captures with most wrong bits, dealt out to all methods.
     """
     entries = read_manifest(captures)
     by_index = {
@@ -156,13 +156,23 @@ def captured_stories(
     }
     stories = []
     for index in sorted(by_index)[:strips]:
-        stories.append(_loaded("strip", index, captures, entries, by_index[index], shown, folder))
-    best = shown[-1]
-    wrong = {i: int(rows[best]["errors"]) for i, rows in by_index.items() if best in rows}
-    worst = sorted((i for i in wrong if wrong[i]), key=lambda i: (-wrong[i], i))
-    for index in worst[:failures]:
-        rows = by_index[index]
-        stories.append(_loaded("failure", index, captures, entries, rows, shown[-1:], folder))
+        stem, rows = f"strip{index}", by_index[index]
+        stories.append(_loaded("strip", stem, index, captures, entries, rows, shown, folder))
+    wrong = {
+        (index, method): int(row["errors"])
+        for index, rows in by_index.items()
+        for method, row in rows.items()
+        if row["errors"]
+    }
+    methods = sorted({method for _, method in wrong}, key=lambda name: (name != shown[-1], name))
+    each = max(1, failures // max(1, len(methods)))
+    for method in methods:
+        mine = sorted((-count, index) for (index, name), count in wrong.items() if name == method)
+        for _, index in mine[:each]:
+            stem, rows = f"failure{len(stories)}", by_index[index]
+            stories.append(
+                _loaded("failure", stem, index, captures, entries, rows, [method], folder)
+            )
     return stories
 
 
@@ -217,6 +227,7 @@ def _filmed_again(
 
 def _loaded(
     kind: Literal["strip", "failure"],
+    stem: str,
     index: int,
     captures: Path,
     entries: Sequence[dict[str, Any]],
@@ -246,7 +257,7 @@ def _loaded(
     measured: dict[str, tuple[float, float]] = {}
     if kind == "failure":
         reason, measured = _what_the_capture_tells(captured, drawn[-1])
-    return Story(kind, title, where, _written(folder, f"{kind}{index}", pictures), reason, measured)
+    return Story(kind, title, where, _written(folder, stem, pictures), reason, measured)
 
 
 def _worst_of_window(row: Any, window: KnownWindow) -> int:

@@ -14,8 +14,13 @@ TARGET = 0.02
 """Largest expected calibration error that the trained decoder aims at."""
 
 
-def calibration_table(curves: Curves) -> Table:
-    """Make the table of the expected calibration error, methods by conditions."""
+def calibration_table(curves: Curves, kind: str = "simulated") -> Table:
+    """Make the table of the expected calibration error, methods by conditions.
+
+    Args:
+        curves: bins by method and condition.
+        kind: word for the captures.
+    """
     names = list(next(iter(curves.values())))
     rows = [
         [method, *(f"{calibration_error(by_name[name]):.4f}" for name in names)]
@@ -23,7 +28,7 @@ def calibration_table(curves: Curves) -> Table:
     ]
     title = (
         f"Expected calibration error of log-likelihood ratios, {BINS} bins of equal width "
-        f"(aim: at most {TARGET:g}; simulated):"
+        f"(aim: at most {TARGET:g}; {kind} captures):"
     )
     return Table(["method", *names], rows, title)
 

@@ -155,6 +155,41 @@ def cell_tables(scores: pd.DataFrame) -> list[Table]:
     return tables
 
 
+BY = {
+    "pair": "camera and display",
+    "view_deg": "angle, degrees",
+    "kappa": "κ",
+    "picture": "picture",
+}
+"""What accuracies are given by where it varies: columns of the predictions, and their heads."""
+MOST_VALUES = 40
+"""Largest number of values by which the page gives accuracies, those with most errors first."""
+
+
+def tables_by(records: pd.DataFrame) -> list[Table]:
+    """Give accuracies by each of `BY` that varies: a row a value, a column a method.
+
+    Args:
+        records: predictions.
+    """
+    tables = []
+    for name, head in BY.items():
+        known = records[(records["known"] > 0) & records[name].notna()]
+        if known[name].nunique() < 2:
+            continue
+        sums = known.groupby([name, "method"], sort=True)[["correct", "known"]].sum()
+        shares = (sums["correct"] / sums["known"]).unstack()
+        shares = shares[list(dict.fromkeys(known["method"]))]
+        if name == "picture":
+            shares = shares.loc[shares.mean(axis=1).sort_values().index[:MOST_VALUES]]
+        cells = [
+            [f"{value:g}" if name == "view_deg" else str(value), *map(percent, row)]
+            for value, row in zip(shares.index, shares.to_numpy(), strict=True)
+        ]
+        tables.append(Table([head, *map(str, shares.columns)], cells, f"Right bits by {head}, %:"))
+    return tables
+
+
 def replace_block(page: Path, name: str, content: str) -> None:
     """Put ``content`` between ``<!-- name -->`` and ``<!-- /name -->`` of a page.
 
@@ -220,6 +255,7 @@ def _against_cells(paired: Paired | None) -> list[str | TableCell]:
     if paired is None:
         return ["–", "–"]
     high = "∞" if paired.ratio_high is None else f"{paired.ratio_high:.2f}"
-    interval = f"{paired.ratio_low:.2f} – {high}" if paired.frames >= MIN_FRAMES else "–"
+    told = paired.frames >= MIN_FRAMES and (paired.ratio_low > 0 or paired.ratio_high is not None)
+    interval = f"{paired.ratio_low:.2f} – {high}" if told else "–"
     difference = TableCell(f"{paired.difference:+.2f}", difference_interval(paired))
     return [difference, TableCell(number(paired.ratio, 2), interval)]

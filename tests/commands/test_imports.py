@@ -27,6 +27,7 @@ MAY_IMPORT = {
     "web": {"web", "receiver", "sender", "export", "models", "link"},
     "reports": {"reports", "receiver", "sender", "export", "models", "data_gen", "link"},
     "lab": {"lab", "web", "reports", "receiver", "sender", "export", "models", "data_gen", "link"},
+    "examples": {"examples", "models", "data_gen", "link"},
     "train": {"reports", "receiver", "sender", "export", "models", "data_gen", "link"},
     "evaluate": {"reports", "receiver", "sender", "export", "models", "data_gen", "link"},
 }

@@ -16,6 +16,7 @@ from data_gen.parameters import Pair
 from link.frames import Captured
 from link.layout import Layout, make_layout
 from link.types import Image
+from reports.engine.backends import Backend, run_tasks
 
 FRONTAL = Cell("canon-lg", 0.0, 5)
 OBLIQUE = Cell("sony-samsung", 45.0, 3)
@@ -199,6 +200,7 @@ def test_episodes_are_batches_of_rectified_frames(episodes: EpisodeSet) -> None:
 
 @pytest.mark.slow
 def test_episodes_do_not_depend_on_the_number_of_jobs(episodes: EpisodeSet) -> None:
+    list(run_tasks(abs, [1, 2], Backend(2)))  # opens processes, as a run earlier in this one does
     again = simulate_episodes(Source(SMALL, "train"), ("canon-lg", "nikon-imac"), PLAN, 2)
     assert equal(episodes, again)
 

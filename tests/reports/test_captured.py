@@ -21,12 +21,14 @@ from link.errors import InputError
 from link.frames import Captured
 from link.images import read_image, write_image
 from link.layout import Layout, make_layout
+from link.observation import Observation
 from link.presets import PRESETS
-from reports.captured.door import check_film, open_recordings, photographed
-from reports.captured.receive import Cut
+from reports.captured.door import bench_part, check_film, open_recordings, photographed
+from reports.captured.receive import Cut, Reception
 from reports.captured.sent import Sent, read_sent, sent_bits
 from reports.captured.truth import match_loop
 from sender import __main__ as send
+from sender.bench import PARTS
 
 Bits = NDArray[np.integer]
 LOOP = np.random.default_rng(3).integers(0, 2, (28, 59))
@@ -120,7 +122,8 @@ def test_player_and_states_say_the_same(tmp_path: Path, preset: str, command: Co
     flags = [tmp_path / "picture.png", "--message", "Hi", "--preset", preset, "--out"]
     command(send.main, *flags, tmp_path / "sent")
     command(send.main, *flags, tmp_path / "sent.html")
-    player, states = read_sent(tmp_path / "sent.html"), read_sent(tmp_path / "sent" / "sent.json")
+    (player,) = read_sent(tmp_path / "sent.html")
+    (states,) = read_sent(tmp_path / "sent" / "sent.json")
     assert (player.layout, player.kappa) == (states.layout, states.kappa) == (layout, player.kappa)
     rounds = np.arange(len(states.bits)) % len(player.bits)
     np.testing.assert_array_equal(states.bits, player.bits[rounds])
@@ -236,7 +239,7 @@ def test_a_film_is_evaluated_and_goes_on_where_it_was_cut_off(
         number = round(frame.time_s * settings.fps)  # frames that were lost are gaps
         write_image(frames / f"{number:03d}.png", frame.rgb)
     sent = Sent(settings.layout, settings.kappa, filmed.bits.astype(np.int64), "digest")
-    monkeypatch.setattr("reports.captured.door.read_sent", lambda path: sent)
+    monkeypatch.setattr("reports.captured.door.read_sent", lambda path: (sent,))
     out = tmp_path / "run"
     run = ["--captures", frames, "--sent", tmp_path / "player.html", "--out", out, "--jobs", 1]
     run += ["--methods", "naive", "oorc"]
@@ -255,9 +258,25 @@ def test_a_film_is_evaluated_and_goes_on_where_it_was_cut_off(
     page = (out / "report.html").read_text()
     assert "What the receiver saw" in page
     other = replace(sent, bits=1 - sent.bits)
-    monkeypatch.setattr("reports.captured.door.read_sent", lambda path: other)
+    monkeypatch.setattr("reports.captured.door.read_sent", lambda path: (other,))
     done = command(evaluate.main, *run[:4], "--out", tmp_path / "other", status=2)
     assert "does not show what --sent holds" in done.stderr
+
+
+def test_a_bench_says_what_each_part_shows(tmp_path: Path, command: Command) -> None:
+    command(send.main, "--bench", "--out", tmp_path / "bench.html")
+    parts = {part.part: part for part in read_sent(tmp_path / "bench.html")}
+    assert list(parts) == list(PARTS)
+    assert (parts["fast"].layout, parts["fast"].kappa) == (PRESETS["fast"].layout, 3)
+    assert parts["hidden, 30 states"].state_hz == 30
+    hidden, stronger = parts["hidden"], parts["hidden, kappa 2"]  # told apart by their bits
+    layout = hidden.layout
+    gray = np.zeros((layout.height, layout.width), np.uint8)
+    window = Observation.still(gray, gray, layout)
+    scores = read(stronger.bits[:1])
+    reception = Reception([Cut(at, at + 1.0, layout, scores, window) for at in (0, 1)])
+    assert bench_part(reception, stronger)[1] == 2.0
+    assert bench_part(reception, hidden)[1] == 0.0
 
 
 def test_a_place_without_films_is_refused(tmp_path: Path) -> None:

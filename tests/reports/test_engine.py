@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -218,17 +219,22 @@ def test_a_worker_with_other_code_is_refused(
         predict(condition(GOOD), NAIVE, tmp_path / "a.jsonl", Backend(scheduler=scheduler))
 
 
-def test_the_fingerprint_knows_what_decides() -> None:
+def test_the_fingerprint_knows_what_decides(tmp_path: Path) -> None:
     source, naive = Source(make_layout()), NAIVE[0]
+    (usual,), own = condition(GOOD), tmp_path / "mine.json"
     marks = {
-        fingerprint(source, 1, naive),
-        fingerprint(source, 2, naive),
-        fingerprint(Source(make_layout(), seed=1), 1, naive),
-        fingerprint(source, 1, Method("naive", (("threshold", 2.5),))),
-        fingerprint(source, 1, Method("oorc")),
+        fingerprint(usual, naive),
+        fingerprint(replace(usual, frames=usual.frames + 1), naive),
+        fingerprint(replace(usual, source=replace(source, seed=1)), naive),
+        fingerprint(usual, Method("naive", (("threshold", 2.5),))),
+        fingerprint(usual, Method("oorc")),
     }
-    assert len(marks) == 5
-    assert fingerprint(source, 1, Method("naive", label="another name")) in marks
+    for drift in (0.1, 0.2):  # what a file of a pair says decides, too
+        own.write_text(json.dumps({"base": "canon-lg", "set": {"drift": drift}}))
+        mine = replace(usual, cells=(Cell(str(own), 0.0, 3),))
+        marks.add(fingerprint(mine, naive))
+    assert len(marks) == 7
+    assert fingerprint(usual, Method("naive", label="another name")) in marks
     assert checkpoint_digest(Method("learned"), make_layout()) not in ("", file_digest([]))
 
 
