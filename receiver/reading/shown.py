@@ -46,18 +46,18 @@ class States:
 
     @property
     def images(self) -> tuple[Image, Image]:
-        """See `Shown`."""
+        """The original and the embedded state, an `Image` each of the layout's size."""
         return self.original.image, self.embedded.image
 
     @cached_property
     def purity(self) -> NDArray[np.floating]:
-        """See `Shown`."""
+        """(n_bits,) how purely exposures fell into one state at each message block, in [0, 1]."""
         purer = np.minimum(self.original.purity, self.embedded.purity)
         return block_purity(purer, self.blocks)
 
     @property
     def frames(self) -> tuple[int, int]:
-        """See `Shown`."""
+        """Numbers of camera frames of which each state was put together."""
         return self.original.frames, self.embedded.frames
 
 
@@ -76,17 +76,17 @@ class InWindow:
 
     @property
     def images(self) -> tuple[Image, Image]:
-        """See `Shown`."""
+        """Both states as decoders of frame pairs get them, gray images of the layout's size."""
         return self._composed[:2]
 
     @property
     def purity(self) -> NDArray[np.floating]:
-        """See `Shown`."""
+        """(n_bits,) purity of the less pure state at each message block, in [0, 1]."""
         return self._composed[2][self.window.layout.message_mask]
 
     @cached_property
     def frames(self) -> tuple[int, int]:
-        """See `Shown`; a frame that mixes both states evenly counts for neither."""
+        """Numbers of frames that show more of each state; even mixtures count for none."""
         mixture = self.window.mixture
         shares = mixture.shares.mean((2, 3))[mixture.pair == self.place]
         return int((shares < 0).sum()), int((shares > 0).sum())

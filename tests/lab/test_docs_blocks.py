@@ -60,8 +60,8 @@ def test_the_first_screen_has_the_two_commands() -> None:
     assert second.endswith("pip install -e '.[test]' && .venv/bin/pytest")
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(900)  # a minute on an idle machine
+@pytest.mark.exhaustive
+@pytest.mark.timeout(900)  # three minutes on an idle machine
 def test_the_commands_of_the_readme_run(tmp_path: Path) -> None:
     """With fewer cells and frames; the Python block reads what the commands wrote."""
     script = "".join(shell_blocks()[1:]).replace(".venv/bin/python", sys.executable)

@@ -35,7 +35,7 @@ WEB = Path(__file__).parents[1]
 """Folder of the page's sources."""
 MARK = "presets.json"
 """Name of a file that every site has; a folder without it is no site, and is not replaced."""
-MAX_GZIP_BYTES = 6_500_000
+MAX_GZIP_BYTES = 5_000_000
 """Largest size of all files together, in bytes after gzip, that a phone should have to load."""
 WARM_PRESET = "hidden"
 """Name of the preset whose film the page reads to get ready."""
