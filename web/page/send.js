@@ -125,7 +125,9 @@ function sayCost() {
   const [file] = byId("file").files;
   const seconds = numberOf(Math.max(1, Math.round((2 * pairs) / loop.state_hz)));
   byId("cost").textContent = [
-    seen < 1 ? "Nobody sees the message from an arm's length away." : "People see that it flickers.",
+    seen < 1
+      ? `Nobody sees the message from ${numberOf(distance_m)} m away.`
+      : "People see that it flickers.",
     !chosen().read_by_page
       ? "No page reads it, but python -m receiver does."
       : better_fps > 60
