@@ -174,7 +174,7 @@ class Display(Limited):
     """Number of times a second that the panel writes the picture, in a film."""
     light_curve: Curve = ()
     """Nodes (in, out) of the light by displayed value, both from 0 to 1, in place of ``gamma``; a
-    monotone cubic spline joins them. None where ``gamma`` holds."""
+    monotone cubic spline joins them. Empty where ``gamma`` holds."""
     scan: str = "down"
     """Order in which the panel writes the picture, a key of `SCANS`."""
     rise_s: Annotated[RGB, Limits(0.0, 1.0)] = (0.004, 0.004, 0.004)

@@ -120,6 +120,15 @@ class SeenFrames:
         """List the frames later than a time, in seconds."""
         return [frame for frame in self.whole if frame.time > time]
 
+    def end(self, clock: DisplayClock, now: float) -> float:
+        """Give the number of the state up to which no later frame can show anything.
+
+        Args:
+            clock: says when the display shows which state.
+            now: time of the newest frame, seconds; infinite where the frames have ended.
+        """
+        return clock.number(self.newest + clock.latest if np.isinf(now) else now + clock.earliest)
+
     def let_go(self, time: float) -> None:
         """Keep no frame whole that is not later than a time, in seconds."""
         while self.whole and self.whole[0].time <= time:

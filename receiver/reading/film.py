@@ -93,8 +93,7 @@ class FilmReader:
             now: time of the newest frame, seconds; infinite where the frames have ended, and all
                 pairs are read.
         """
-        over = bool(np.isinf(now))
-        end = clock.number(self._seen.newest + clock.latest if over else now + clock.earliest)
+        over, end = bool(np.isinf(now)), self._seen.end(clock, now)
         yield from self._take_scored()
         waiting = self._waiting(clock, int(end // 2))
         while waiting and (over or self._is_due(2 * clock.period * len(waiting))):

@@ -78,8 +78,7 @@ class PairReader:
             now: time of the newest frame, seconds; infinite where the frames have ended, and all
                 pairs are read.
         """
-        over = bool(np.isinf(now))
-        end = clock.number(self._seen.newest + clock.latest if over else now + clock.earliest)
+        over, end = bool(np.isinf(now)), self._seen.end(clock, now)
         self._compose(clock, end, over=over)
         for _ in range(len(self._waiting) if over else PAIRS_A_FRAME):
             if not self._waiting:
