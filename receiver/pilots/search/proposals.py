@@ -1,7 +1,7 @@
 """Where a display may be, what it may show, and how surely its pilots toggle there."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import cv2
@@ -22,7 +22,7 @@ from receiver.pilots.search.bars import without_bars
 from receiver.pilots.search.film import HeldFrame, positions
 from receiver.pilots.search.parts import COARSE_SIZE, coarse_shift, rough_series, shifted_togglings
 from receiver.pilots.search.watch import Watch
-from receiver.pilots.toggling import TogglePattern, Wave, find_toggling
+from receiver.pilots.toggling import TogglePattern, Wave, find_toggling, over_deviation
 
 CANDIDATES = 6
 """Number of quadrilaterals that are made of the edges of an image. It bounds the work; chosen by
@@ -34,9 +34,13 @@ BRIGHT_PX, DARK_PX = 13, 9
 """Sides of the squares, in pixels of the map of what toggles, below which bright details of the
 picture are taken off before dark ones, and dark ones before bright ones: wider than strokes of
 letters or streets of a map, narrower than the display. Chosen by hand."""
+PARTLY_SEEN = 12
+"""Number of quadrilaterals with a corner outside the image that the pilots are fitted to. It bounds
+the work: of 15 simulated displays with a corner or a side outside, 12 had one of the first twelve
+within reach of the fit (`receiver.pilots.search.parts.REACH_SHARE`)."""
 LEAVING = 2
-"""Number of quadrilaterals of edges with a corner outside the image that are weighed coarsely, too.
-It bounds the work; chosen by hand."""
+"""Number of the first of these quadrilaterals that are weighed coarsely, too. It bounds the work;
+chosen by hand."""
 STRONGEST = 2
 """Number of quadrilaterals, those of the strongest edges, that the pilots are fitted to before most
 others are weighed coarsely; the strongest one of faint edges is another. It bounds the work; chosen
@@ -47,6 +51,8 @@ It bounds the work; chosen by hand."""
 FRAME_SHARE = 0.02
 """Width of a frame around the display, as a share of the display's sides: edges may be those of the
 frame, so quadrilaterals within them are weighed coarsely, too. Chosen by hand."""
+UPRIGHT_OR_NOT = 0, 2
+"""Quarter turns after which a quadrilateral may be seen as it was filmed, or upside down."""
 STATES_HZ = (15.0, 30.0, 60.0, 120.0)
 """Numbers of states a second at which what toggles is outlined; where edges bound the display, it
 is found at any rate. Panels show states at whole parts of 60 and 120 Hz."""
@@ -121,6 +127,9 @@ class Proposer:
         self._frequencies = sorted({float(f) for f in np.minimum(periods, 1 - periods) if f > 0})
         self._coarse: dict[bytes, tuple[float, Proposal, Array]] = {}
         self._kept: dict[tuple[bytes, int], PilotsSeen] = {}
+        self.partly_seen: list[Corners] = []
+        """Quadrilaterals, pixels of the reference, that may bound a display which is partly in
+        view, the likeliest first; none before `edges` has ended."""
 
     def edges(self) -> Steps[list[Array]]:
         """Propose quadrilaterals of edges, (4, 2) pixels of the reference, the strongest first."""
@@ -133,7 +142,8 @@ class Proposer:
         same_px = SAME_PLACE * max(gray.shape)
         kept = distinct(pictures, -np.arange(len(found), dtype=float), CANDIDATES, same_px)
         yield 1
-        return [*strongest, *leaving_quads(reference, LEAVING), *pictures[kept]]
+        self.partly_seen = leaving_quads(reference, PARTLY_SEEN)
+        return [*strongest, *self.partly_seen[:LEAVING], *pictures[kept]]
 
     def faint_edges(self) -> Iterator[list[Array]]:
         """Propose quadrilaterals in the mean of all frames, which has less noise than a frame.
@@ -220,14 +230,17 @@ class Proposer:
             found.append((evidence, Proposal(np.roll(corners, -half, axis=0), layout, toggling)))
         return max(found, key=lambda each: each[0])
 
-    def first_fit(self, quad: Array) -> Steps[Proposal | None]:
-        """Fit every layout, either side up, to a quadrilateral that may be far off, in steps.
+    def first_fit(
+        self, quad: Array, turns: Sequence[int] = UPRIGHT_OR_NOT
+    ) -> Steps[Proposal | None]:
+        """Fit every layout to a quadrilateral that may be far off, in steps.
 
         Args:
             quad: (4, 2) pixels of the reference frame.
+            turns: quarter turns after which it is tried, of 0 and 2: upright and upside down.
 
         Returns:
-            what fits best after a shift, or None where nothing does.
+            what fits best after a shift from far and another from near, or None where nothing does.
         """
         views = self._watch.map.views(self._watch.places(quad), *COARSE_SIZE).astype(np.float32)
         at = positions(self._watch.frames)
@@ -239,7 +252,8 @@ class Proposer:
             ways: list[tuple[TogglePattern, NDArray[np.complex64]]] = []
             if plain:
                 ways = [(wave, wave.amplitudes(series, at)) for wave in waves]
-            for turn, shown in ((0, blocks), (2, blocks[::-1, ::-1])):
+            for turn in turns:
+                shown = blocks[::-1, ::-1] if turn else blocks
                 if not plain:
                     shifted = shifted_togglings(series, shown, layout, at, self._fps)
                     ways = [(way, way.amplitudes(series, at)) for way in shifted]
@@ -248,9 +262,19 @@ class Proposer:
                     if fit is not None and (best is None or fit[1] > best[0]):
                         corners = np.roll(moved_corners(quad, fit[0], layout), -turn, axis=0)
                         best = fit[1], Proposal(corners, layout, toggling)
-                if turn or not plain:  # clocks take time of their own
+                if turn == turns[-1] or not plain:  # clocks take time of their own
                     yield 1
-        return None if best is None else best[1]
+        return None if best is None else self._fitted_again(best[1], at)
+
+    def _fitted_again(self, proposal: Proposal, at: Sequence[float]) -> Proposal:
+        """Move corners that were fitted from far once more, in frames at these positions."""
+        layout, places = proposal.layout, self._watch.places(proposal.corners)
+        views = self._watch.map.views(places, *COARSE_SIZE)[: len(at)].astype(np.float32)
+        line = proposal.toggling.amplitudes(over_deviation(views), at)
+        fit = coarse_shift(line, expected_changes(layout), layout)
+        if fit is None:
+            return proposal
+        return replace(proposal, corners=moved_corners(proposal.corners, fit[0], layout))
 
 
 def _pilots_in(view: Gray, layouts: Sequence[Layout]) -> list[NDArray[np.float32]]:

@@ -6,7 +6,7 @@ the pilots fit the grid, and a display is detected if its blocks toggle with the
 """
 
 from collections.abc import Sequence
-from itertools import product
+from itertools import islice, product
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from receiver.pilots.search.proposals import (
     FRAME_SHARE,
     PROMISING,
     STRONGEST,
+    UPRIGHT_OR_NOT,
     Proposal,
     Proposer,
     inset,
@@ -86,17 +87,23 @@ class WindowSearch:
     def _search(self) -> Search:
         """Look for the display in the film that follows the reference.
 
-        Edges are weighed coarsely soon and after each quarter of the window. Once all frames have
-        been watched, other quadrilaterals are, and the pilots are fitted to those that probably
-        bound a display, if not exactly.
+        Edges are weighed coarsely soon and after each quarter of the window. While frames are
+        awaited then, the pilots are fitted to quadrilaterals that may bound a display of which a
+        part is in view. Once all frames have been watched, other quadrilaterals are weighed, and
+        the pilots are fitted to those that probably bound a display, if not exactly.
         """
         watch, proposer = self.watch, self._proposer
         edges = yield from proposer.edges()
         watch.surround(edges[:SURROUNDED])
+        partly_seen, upright = iter(proposer.partly_seen), UPRIGHT_OR_NOT[:1]
         count, seen = watch.soon, 0
         while seen < watch.window:
             while len(watch.frames) < min(count, watch.window):
-                yield NEXT_FRAME
+                leaving = [*islice(partly_seen, 1)] if seen else []
+                if found := (yield from self._fit(leaving, self._turns[:1], upright)):
+                    return found
+                if not leaving:
+                    yield NEXT_FRAME
                 for quad, turn in product(edges, ANY_TURN):  # each frame does its own share
                     proposer.pilots_seen(quad, turn, len(watch.frames))
             seen = len(watch.frames)
@@ -110,8 +117,10 @@ class WindowSearch:
             if found := (yield from self._weigh_coarsely(quads)):
                 return found
         self.is_late = True
+        if found := (yield from self._fit([*partly_seen], self._turns[:1], upright)):
+            return found
         strongest = [*edges[:STRONGEST], *faint[:1]]
-        if found := (yield from self._fit(strongest)):
+        if found := (yield from self._fit(strongest, self._turns)):
             return found
         outlines = yield from proposer.outlines()
         framed = [inset(quad, FRAME_SHARE) for quad in (*edges, *faint[:CANDIDATES])]
@@ -125,7 +134,7 @@ class WindowSearch:
                 return found
         tried = {id(quad) for quad in strongest}
         clearest = [quad for _, _, quad in weighed if id(quad) not in tried][:CLEAREST]
-        return (yield from self._fit([*clearest, *outlines]))
+        return (yield from self._fit([*clearest, *outlines], self._turns))
 
     def _weigh_coarsely(self, quads: Sequence[Array], count: int | None = None) -> Search:
         """Weigh quadrilaterals coarsely, and verify each that is promising.
@@ -143,14 +152,18 @@ class WindowSearch:
                 yield 1
         return None
 
-    def _fit(self, quads: Sequence[Array]) -> Search:
+    def _fit(
+        self, quads: Sequence[Array], turns: Sequence[int], ways: Sequence[int] = UPRIGHT_OR_NOT
+    ) -> Search:
         """Fit the pilots to quadrilaterals, and verify each fit that is a hint.
 
         Args:
             quads: (4, 2) pixels of the reference frame each, the likeliest first.
+            turns: quarter turns after which each is tried.
+            ways: more turns: as it is then seen, and maybe upside down.
         """
-        for quad, turn in product(quads, self._turns):
-            fit = yield from self._proposer.first_fit(np.roll(quad, -turn, axis=0))
+        for quad, turn in product(quads, turns):
+            fit = yield from self._proposer.first_fit(np.roll(quad, -turn, axis=0), ways)
             if fit is None:
                 continue
             evidence, _ = self._proposer.likeliest_in(fit.corners, [fit.layout])

@@ -20,7 +20,7 @@ import { longestSegments } from "./segments.js";
 
 export const { SLACK, SAME_PX } = receiverLocateQuads;
 const {
-  MAX_LINES, COLLINEAR_PX, OPPOSED_PX, MIN_AREA, MIN_CROSSING_DEG, MIN_SIDE_COVER, MIN_MEAN_COVER,
+  BEYOND, MAX_LINES, COLLINEAR_PX, OPPOSED_PX, MIN_AREA, MIN_CROSSING_DEG, MIN_SIDE_COVER, MIN_MEAN_COVER,
   NESTED, THRESHOLD_QUANTILES, OUTLINE_TOLERANCES,
 } = receiverLocateQuads;
 
@@ -265,8 +265,8 @@ function mergeSegments(segments, diagonal) {
  * @param {number} limit - largest number returned
  * @param {number} [outside] - distance by which corners may lie outside the image, as a share of
  *   its longer side; where it is more than `SLACK`, only quadrilaterals with a corner outside are
- *   made
- * @returns {Steps<Quad[]>} those whose sides the lines cover best first
+ *   made, and one side may be a line outside of which nothing is seen (`BEYOND`)
+ * @returns {Steps<Quad[]>} those first of whose sides the lines cover most, as far as in view
  */
 export function* lineSteps(gray, limit, outside = SLACK) {
   const lines = linesOf(gray);
@@ -290,11 +290,18 @@ const linesOf = keptWithImage((gray) => {
  * @param {number} limit
  * @param {number} outside
  */
-function crossingLines({ point, axis, covered, half }, width, height, limit, outside) {
+function crossingLines(lines, width, height, limit, outside) {
+  const { covered, half } = lines;
+  const seenLines = lines.point.length;
+  const beyond = outside > SLACK ? linesBeyond(width, height) : [];
+  const point = [...lines.point, ...beyond.map((line) => line.point)];
+  const axis = [...lines.axis, ...beyond.map((line) => line.axis)];
   const count = point.length;
+  const inView = point.map((place, i) => partInView(place, axis[i], width, height));
   const slack = outside * Math.hypot(width, height);
-  // where line j crosses line i: pixels along i, the covered length up to there, and the place
+  // where line j crosses line i: pixels along i, those in view, the covered length, and the place
   const along = new Float64Array(count * count);
+  const seen = new Float64Array(count * count);
   const run = new Float64Array(count * count);
   const usable = new Uint8Array(count * count);
   /** @type {Point[]} */
@@ -318,7 +325,9 @@ function crossingLines({ point, axis, covered, half }, width, height, limit, out
           place[0] <= width + slack &&
           place[1] <= height + slack,
       );
-      const near = Math.round(Math.max(-half, Math.min(half, t))) + half;
+      seen[at] = Math.min(Math.max(t, inView[i][0]), inView[i][1]);
+      if (i >= seenLines) continue;
+      const near = Math.round(Math.max(-half, Math.min(half, seen[at]))) + half;
       run[at] = covered[i * 2 * half + Math.max(0, Math.min(2 * half - 1, near))];
     }
   }
@@ -335,7 +344,8 @@ function crossingLines({ point, axis, covered, half }, width, height, limit, out
       const [one, other] = [i * count + k, i * count + m];
       if (!usable[one] || !usable[other]) return;
       const span = Math.abs(along[one] - along[other]);
-      const share = Math.abs(run[one] - run[other]) / Math.max(span, 1);
+      const share =
+        i < seenLines ? Math.abs(run[one] - run[other]) / Math.max(Math.abs(seen[one] - seen[other]), 1) : 1;
       if (!(span > shortest && share >= MIN_SIDE_COVER)) return;
       cover[i * pairs.length + p] = share;
       sides[i].push(p);
@@ -351,6 +361,8 @@ function crossingLines({ point, axis, covered, half }, width, height, limit, out
       const two = cover[ofB + p];
       if (p <= q || two === 0) continue;
       const [c, d] = pairs[p];
+      // one side may be unseen
+      if ([a, b, c, d].filter((line) => line >= seenLines).length > 1) continue;
       const three = cover[c * pairs.length + q];
       const four = cover[d * pairs.length + q];
       if (three === 0 || four === 0) continue;
@@ -374,6 +386,43 @@ function crossingLines({ point, axis, covered, half }, width, height, limit, out
   const quads = likeliest.map(({ quad }) => upright(quad));
   const ranks = likeliest.map(({ rank }) => rank);
   return distinct(quads, ranks, limit, SAME_PX).map((at) => quads[at]);
+}
+
+/**
+ * Make four lines that stand for a side of which nothing is seen, along the image's borders.
+ *
+ * @param {number} width
+ * @param {number} height
+ * @returns {{ point: Point, axis: Point }[]}
+ */
+function linesBeyond(width, height) {
+  const [x, y, out] = [width / 2, height / 2, BEYOND * Math.max(width, height)];
+  return [
+    { point: [x, -out], axis: [1, 0] },
+    { point: [x, height + out], axis: [1, 0] },
+    { point: [-out, y], axis: [0, 1] },
+    { point: [width + out, y], axis: [0, 1] },
+  ];
+}
+
+/**
+ * Find where a line enters and leaves the image, in pixels from its point.
+ *
+ * @param {Point} point
+ * @param {Point} axis
+ * @param {number} width
+ * @param {number} height
+ * @returns {[number, number]}
+ */
+function partInView(point, axis, width, height) {
+  let [enter, leave] = [-Infinity, Infinity];
+  for (const [k, side] of [width, height].entries()) {
+    const along = Math.abs(axis[k]) < 1e-9 ? 1e-9 : axis[k];
+    const [one, other] = [(-0.5 - point[k]) / along, (side - 0.5 - point[k]) / along];
+    enter = Math.max(enter, Math.min(one, other));
+    leave = Math.min(leave, Math.max(one, other));
+  }
+  return [enter, Math.max(enter, leave)];
 }
 
 /** @param {Quad} quad */

@@ -8,6 +8,7 @@ import { frameCorners, homographyFromCorners, transform } from "../../../link/ge
 import { candidateSteps, leavingSteps } from "../../locate/candidates.js";
 import { distinct, rolled } from "../../locate/quads.js";
 import { movedCorners } from "../motion.js";
+import { overDeviation } from "../signal.js";
 import { expectedChanges, picked, pilotValues, standingOut } from "../../../link/pilots.js";
 import { Wave, findToggling } from "../toggling.js";
 import { withoutBars } from "./bars.js";
@@ -17,10 +18,10 @@ import { COARSE_SIZE, coarseShift, roughSeries, shiftedTogglings } from "./parts
 /** @typedef {import("./film.js").HeldFrame} HeldFrame */
 /** @typedef {import("./watch.js").Watch} Watch */
 
-export const { CANDIDATES, CLEAREST, STRONGEST, FRAME_SHARE, PROMISING } =
+export const { CANDIDATES, CLEAREST, STRONGEST, FRAME_SHARE, PROMISING, UPRIGHT_OR_NOT } =
   receiverPilotsSearchProposals;
 const {
-  LEAVING, BRIGHT_PX, DARK_PX, STATES_HZ, SAME_PLACE,
+  LEAVING, PARTLY_SEEN, BRIGHT_PX, DARK_PX, STATES_HZ, SAME_PLACE,
 } = receiverPilotsSearchProposals;
 
 export const { NEXT_FRAME } = receiverPilotsSearchWatch;
@@ -92,6 +93,11 @@ export const positions = (frames) => frames.map(({ at }) => at);
  */
 export class Proposer {
   #watch;
+  /**
+   * Quadrilaterals that may bound a display which is partly in view, the likeliest first; none before
+   * `edges` has ended. @type {Point[][]}
+   */
+  partlySeen = [];
   #layouts;
   #finest;
   /** Frequencies at which displays may toggle, in periods for each nominal frame. */
@@ -124,12 +130,13 @@ export class Proposer {
   *edges() {
     const { reference } = this.#watch;
     const strongest = yield* candidateSteps(reference, CANDIDATES);
-    const leaving = yield* leavingSteps(reference, LEAVING);
+    this.partlySeen = yield* leavingSteps(reference, PARTLY_SEEN);
     const found = strongest.map((quad) => withoutBars(reference, quad));
     const pictures = found.filter((quad) => quad !== null);
     const samePx = SAME_PLACE * Math.max(reference.width, reference.height);
     const kept = distinct(pictures, pictures.map((_, at) => -at), CANDIDATES, samePx);
     yield BARS_WORK;
+    const leaving = this.partlySeen.slice(0, LEAVING);
     return [...strongest, ...leaving, ...kept.map((at) => pictures[at])];
   }
 
@@ -238,12 +245,15 @@ export class Proposer {
   }
 
   /**
-   * Fit every layout, upright and upside down, to a quadrilateral that may be far off.
+   * Fit every layout to a quadrilateral that may be far off.
    *
    * @param {Point[]} quad
-   * @returns {Steps<Proposal | null>} what fits best after a shift, or null where nothing does
+   * @param {readonly number[]} turns - quarter turns after which it is tried, of 0 and 2: upright
+   *   and upside down
+   * @returns {Steps<Proposal | null>} what fits best after a shift from far and another from near,
+   *   or null where nothing does
    */
-  *firstFit(quad) {
+  *firstFit(quad, turns) {
     const views = this.#watch.views(quad, ...COARSE_SIZE);
     yield GLANCE_WORK;
     const at = positions(this.#watch.frames);
@@ -259,7 +269,7 @@ export class Proposer {
       let ways = isPlain ? waves.map(measured) : [];
       yield ROUGH_WORK;
       const blocks = expectedChanges(layout);
-      for (const turn of [0, 2]) {
+      for (const turn of turns) {
         const shown = turn ? blocks.slice().reverse() : blocks;
         if (!isPlain) {
           const { fps } = this.#watch;
@@ -275,7 +285,26 @@ export class Proposer {
         }
       }
     }
-    return best;
+    if (best === null) return null;
+    yield GLANCE_WORK;
+    return this.#fittedAgain(best, at);
+  }
+
+  /**
+   * Move corners that were fitted from far once more, in frames at these positions.
+   *
+   * @param {Proposal} proposal
+   * @param {number[]} at
+   * @returns {Proposal}
+   */
+  #fittedAgain(proposal, at) {
+    const { corners, layout, toggling } = proposal;
+    const views = this.#watch.views(corners, ...COARSE_SIZE).slice(0, at.length);
+    const series = overDeviation(views.map((view) => view.data));
+    const line = toggling.amplitudes(series, at, COARSE_SIZE);
+    const fit = coarseShift(line, expectedChanges(layout), layout);
+    if (fit === null) return proposal;
+    return { ...proposal, corners: movedCorners(corners, fit.HOldFromNew, layout) };
   }
 }
 

@@ -10,8 +10,8 @@ import { receiverPilotsSearchWindowSearch } from "../../../../generated/constant
 import { candidateSteps } from "../../locate/candidates.js";
 import { rolled } from "../../locate/quads.js";
 import {
-  CANDIDATES, CLEAREST, FRAME_SHARE, GLANCE_WORK, NEXT_FRAME, PROMISING, Proposer, STRONGEST, inset,
-  weighSteps,
+  CANDIDATES, CLEAREST, FRAME_SHARE, GLANCE_WORK, NEXT_FRAME, PROMISING, Proposer, STRONGEST,
+  UPRIGHT_OR_NOT, inset, weighSteps,
 } from "./proposals.js";
 import { HINT, settleSteps } from "./settle.js";
 
@@ -95,6 +95,9 @@ export class WindowSearch {
   /**
    * Look for the display in the film that follows the reference.
    *
+   * While frames are awaited, the pilots are fitted to quadrilaterals that may bound a display of
+   * which a part is in view.
+   *
    * @returns {Steps<Settled | null>}
    */
   *#search() {
@@ -106,10 +109,15 @@ export class WindowSearch {
     const quarter = Math.floor(watch.window / 4);
     /** @type {Point[][]} */
     let faint = [];
+    const partlySeen = [...proposer.partlySeen];
+    const upright = UPRIGHT_OR_NOT.slice(0, 1);
     for (let count = watch.soon, seen = 0; seen < watch.window; count = seen + quarter) {
       while (watch.frames.length < Math.min(count, watch.window)) {
         for (const quad of edges) watch.places(quad, watch.frames.length); // each frame its share
-        yield NEXT_FRAME;
+        const leaving = seen > 0 ? partlySeen.splice(0, 1) : [];
+        const found = yield* this.#fit(leaving, this.#turns.slice(0, 1), upright);
+        if (found !== null) return found;
+        if (leaving.length === 0) yield NEXT_FRAME;
       }
       seen = watch.frames.length;
       const found = yield* this.#glance(edges, seen);
@@ -125,8 +133,10 @@ export class WindowSearch {
       }
     }
     this.isLate = true;
+    const leaving = yield* this.#fit(partlySeen, this.#turns.slice(0, 1), upright);
+    if (leaving !== null) return leaving;
     const strongest = [...edges.slice(0, STRONGEST), ...faint.slice(0, 1)];
-    const fitted = yield* this.#fit(strongest);
+    const fitted = yield* this.#fit(strongest, this.#turns, UPRIGHT_OR_NOT);
     if (fitted !== null) return fitted;
     const outlines = yield* proposer.outlines();
     const framed = [...edges, ...faint.slice(0, CANDIDATES)].map((quad) => inset(quad, FRAME_SHARE));
@@ -139,7 +149,8 @@ export class WindowSearch {
       if (found !== null) return found;
     }
     const untried = glances.map(([quad]) => quad).filter((quad) => !strongest.includes(quad));
-    return yield* this.#fit([...untried.slice(0, CLEAREST), ...outlines]);
+    const late = [...untried.slice(0, CLEAREST), ...outlines];
+    return yield* this.#fit(late, this.#turns, UPRIGHT_OR_NOT);
   }
 
   /**
@@ -163,11 +174,13 @@ export class WindowSearch {
    * Fit the pilots to quadrilaterals, and settle each fit that is a hint.
    *
    * @param {Point[][]} quads - the likeliest first
+   * @param {readonly number[]} turns - quarter turns after which each is tried
+   * @param {readonly number[]} ways - more turns: as it is then seen, and maybe upside down
    */
-  *#fit(quads) {
+  *#fit(quads, turns, ways) {
     for (const quad of quads) {
-      for (const turn of this.#turns) {
-        const fit = yield* this.#proposer.firstFit(rolled(quad, turn));
+      for (const turn of turns) {
+        const fit = yield* this.#proposer.firstFit(rolled(quad, turn), ways);
         if (fit === null) continue;
         const { evidence } = this.#proposer.surestIn(fit.corners, fit.layout);
         yield GLANCE_WORK;
