@@ -18,7 +18,7 @@ T = TypeVar("T")
 
 
 class Loading(Generic[T]):
-    """What is loaded when it is needed, in a thread, while frames are taken.
+    """Loads something in a thread of its own when it is first needed, while frames are taken.
 
     Args:
         load: loads it; called once.
@@ -29,7 +29,7 @@ class Loading(Generic[T]):
         self._begun: Future[T] | None = None
 
     def begin(self) -> Future[T]:
-        """Begin to load it, beside what else is done, where that has not begun yet."""
+        """Begin to load in a thread, unless that has begun already."""
         if self._begun is None:
             worker = ThreadPoolExecutor(1)
             self._begun = worker.submit(self._load)
@@ -53,7 +53,7 @@ class PairDecoder(Protocol):
 
 
 class WindowDecoder(Protocol):
-    """What a receiver asks of a decoder of windows of film."""
+    """The methods that a receiver calls of a decoder of windows of film."""
 
     def prepare(self) -> None:
         """Get ready: windows will soon come."""

@@ -1,4 +1,4 @@
-"""What becomes of a message that arrived whole: it is delivered, or refused and said why."""
+"""The inbox delivers a message that arrived whole, or refuses it and says why."""
 
 import time
 from dataclasses import replace
@@ -9,7 +9,7 @@ from receiver.events import MessageEvent, RefusedEvent
 
 
 class Inbox:
-    """Delivers messages.
+    """Delivers messages that a verifier accepts, and refuses all others.
 
     Args:
         verifier: decides which messages are delivered; None where all are.
@@ -23,7 +23,7 @@ class Inbox:
         """Number of messages that were refused."""
 
     def take(self, message: Message) -> MessageEvent | RefusedEvent:
-        """Deliver a message, or say why not."""
+        """Deliver a message, or refuse it and say why."""
         judged = self._verifier and self._verifier.judge(message.data, time.time())
         signed = judged.signed if judged else None
         if signed is not None:

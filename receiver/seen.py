@@ -42,23 +42,23 @@ class SeenFrame:
     time: float
     """Seconds of the camera's clock."""
     corners: Corners
-    """Where the display lies, pixels of the camera frame."""
+    """Corners of the display, in pixels of the camera frame."""
     rectified: Image
     """The display, an `Image` of the layout's size."""
     in_view: NDArray[np.bool_] | None = None
     """(MESH, MESH) whether each point of the display lies within the camera frame; None where the
     whole display does."""
     placement: Placement | None = None
-    """What decoded blocks had told of the corners by then; None where patches tell them."""
+    """Correction of the corners by the blocks decoded so far; None for layouts with patches."""
     followed: int = 0
     """Number of frames for which a display with pilots has been followed since it was found."""
     anew: bool = False
-    """Whether the display was just found at a place of which nothing is known from the frames
-    before: by its pilots, or elsewhere than what was followed so far."""
+    """Whether the display was found in this frame, and not followed from the frame before: by its
+    pilots, or at another place than the display that was followed."""
     before: tuple["SeenFrame", ...] = ()
-    """Frames before this one in which the display is seen, too, of one just found by its pilots."""
+    """Earlier frames that show the display, if it was found by its pilots in this one."""
     clock: DisplayClock | None = None
-    """When the display shows which state, of one that was just found by its pilots' code."""
+    """Clock of a display that was found by its pilots' code in this frame, else None."""
 
     @cached_property
     def match(self) -> PatchMatch:

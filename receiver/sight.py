@@ -31,7 +31,7 @@ class Sight:
     """Sums of what the frames show, for the reason why no message came."""
 
     found: bool = False
-    """Whether the display was found; until then whole frames are measured, and then it alone."""
+    """Whether the display was found. Before, whole frames are measured; after, it alone is."""
     measured: int = 0
     """Number of frames measured."""
     level: float = 0.0

@@ -22,10 +22,10 @@ XYZ_FROM_RGB = np.array(
 )  # fmt: skip
 """Matrix from linear sRGB, in which white is (1, 1, 1), to CIE 1931 XYZ (IEC 61966-2-1)."""
 MEASURED_PIXELS = 1_000_000
-"""Number of pixels that are looked at: of the frame pairs from a loop's first on, always as
-many with either turn of the dither; and at most of a picture, of which every third pixel of a
-row and column is taken where it has more, or every fifth, and so on, so that all of the dither's
-4 x 4 are."""
+"""Number of pixels that are measured. So many frame pairs are taken from the loop's first on, an
+equal number with each of the two turns of the dither. Of a picture with more pixels, every third of
+each row and column is taken, or every fifth and so on; an odd step meets all of the dither's 4 x 4.
+"""
 
 
 @dataclass(frozen=True)

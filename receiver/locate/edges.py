@@ -14,9 +14,9 @@ AHEAD = np.concatenate([np.linspace(-0.15, -0.03, 8), np.linspace(1.03, 1.15, 8)
 """Places beyond a side's ends, in lengths of the side from its start: what bounds a display ends at
 its corners."""
 SIDE_START, SIDE_SHARE = 0.03, 0.94
-"""Where the places along a side begin, and the part of the side over which they are spread, in
-lengths of the side: corners may be off by 3 % of it, and places must not lie beyond the other
-one."""
+"""Distance of the first place from the side's start, and length over which the places are spread,
+both in lengths of the side. A corner may be off by 3 % of the side, and no place must lie beyond
+the corner at its other end."""
 REACH = 5
 """Number of pixels of the small image that are looked at on each side of an edge. Chosen by
 hand."""
@@ -27,11 +27,12 @@ STEP_LEVELS = 10.0
 """Smallest step, in gray levels, that counts as an edge in an image whose white is at 200 or more;
 less in a darker one. Chosen by hand."""
 NOISE_SLOPE, SATURATION_SLOPE = 0.7, 4.0
-"""Gradient, in levels per pixel, that counts nothing, and beyond it counts half: a strong edge in
-the picture must not outvote a weak one along the whole side. Chosen by hand."""
+"""Gradient, in levels per pixel, up to which a place does not vote, and gradient above that at
+which it has half a vote. So a strong edge in the picture does not outvote a weak one along the
+whole side. Chosen by hand."""
 OTHER_SIDE = 1.5
-"""How many times the votes an edge that is darker inside needs to be preferred. Lit displays are
-mostly brighter than what is around them. Chosen by hand."""
+"""Factor by which an edge that is darker inside must have more votes than another to be preferred,
+because lit displays are mostly brighter than what is around them. Chosen by hand."""
 WHITE_QUANTILE = 0.95
 """Quantile of the image's levels that counts as white, but for some levels more: a
 lamp or a reflection should cover less than the rest, 5 % of the image."""

@@ -154,7 +154,7 @@ def search_steps(
 
 
 def _likeliest(image: NDArray[np.uint8], candidates: Sequence[Located]) -> Located | None:
-    """The first candidate, with its corners moved onto edges, or None where it is too unlikely."""
+    """Move the corners of the first candidate onto edges; None where it is too unlikely."""
     if not candidates or candidates[0].score < MIN_SCORE:
         return None
     gray = as_gray(image)

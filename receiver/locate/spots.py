@@ -102,7 +102,7 @@ it takes of one core."""
 
 @dataclass(frozen=True)
 class Matches:
-    """Where one patch may be; arrays of one length."""
+    """The N places at which one ratex patch may lie in the small image."""
 
     at: NDArray[np.float64]
     """(N, 2) centres, in pixels of the small image."""

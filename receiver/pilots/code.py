@@ -62,16 +62,16 @@ that passes is one bad difference, and no more."""
 
 @dataclass(frozen=True)
 class CodeLock:
-    """How a display may run."""
+    """A clock by which a display with a code may run, and how surely it does."""
 
     clock: DisplayClock
-    """When it shows which state, by the unit of time of the frames' times."""
+    """Clock that says when the display shows which state, in the unit of the frames' times."""
     evidence: float
-    """Natural logarithm of the probability that chance does as well, with the sign turned; what was
-    tried is paid for."""
+    """Minus the natural logarithm of the probability that chance does as well in one of all the
+    clocks that were tried."""
     rival: float
-    """Largest share of what it explains that a clock explains which shows quite another state in
-    the newest frame; 1 without evidence."""
+    """What the best clock with quite another state in the newest frame explains, as a share of what
+    this clock explains; 1 without evidence."""
 
 
 class CodeSearch:

@@ -16,8 +16,8 @@ from link.types import Array, Corners, Gray, Homography, Map
 from receiver.pilots.motion import UNIT_CORNERS, pixels_from_unit, unit_homography
 
 WIDTH, RING = 160, 0.16
-"""Width of a display, in pixels of its view, and width of the ring around it, as a share of that:
-it holds a bezel, and most letterbox bars."""
+"""Width of a display in pixels of its view, and width of the ring around it as a share of that. The
+ring is wide enough for a bezel and for most letterbox bars."""
 BORDER_PX = 2
 """Distance, in pixels of the view, from the display's border to the ring: the border's own pixels
 show a part of the picture."""
@@ -31,8 +31,8 @@ LEAST_DEVIATION, OUTLIER = 0.5, 2.0
 """Gray levels that are added to the usual difference of pixels, so that it is never 0, and number
 of usual differences at which a pixel counts half."""
 DAMPING = 1e-2
-"""Squared slope, in gray levels for half a display, that each number of the homography is given in
-the mean over the pixels, so that what nothing tells stays as it was."""
+"""Mean squared slope, in gray levels for half a display, that is added to that of each number of
+the homography. So a number that no pixel tells about stays as it was."""
 ALIKE = 0.8
 """Smallest correlation of the ring with that of the reference at which it counts as found."""
 CLEAR_PX = 0.3

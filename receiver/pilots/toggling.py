@@ -132,11 +132,11 @@ class CodedToggling:
     """A display whose frame pairs follow a code."""
 
     clock: DisplayClock
-    """When the display shows which state, in nominal frames since the reference."""
+    """Clock that says when the display shows which state, in nominal frames since the reference."""
     code: PilotCode
     """Code of the display."""
     clear: bool = False
-    """Whether no other clock explains about as much."""
+    """Whether this clock explains clearly more than any other that was tried."""
 
     def _waves(self, at: Sequence[float], x: Array, y: Array) -> NDArray[np.float32]:
         """Work out what a block of bit 1 shows, from -1 to 1: (T, h, 1) or (T, 1, w).

@@ -39,9 +39,9 @@ STRIDE_S = 0.2
 """Seconds of film from one window to the next, or for which the frame pairs of a window were shown
 at least: on slow displays each frame pair is scored as soon as it is over."""
 MISSED, FRESH_FRAMES = 1.5, 12
-"""Number of nominal frames for each new one from which on frames were missed since the last window,
-and number of new frames that the next one then waits for: while windows are scored, a camera that
-does not wait gives none."""
+"""A camera that does not wait gives no frames while a window is scored. Frames count as missed if
+there are more than `MISSED` nominal frames for each new one since the last window. The next window
+then waits for `FRESH_FRAMES` new ones."""
 
 
 class FilmReader:

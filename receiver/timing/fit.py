@@ -83,7 +83,7 @@ start to ten units, which is as good as not at all, and keeps the covariance fin
 
 @dataclass(frozen=True)
 class PlaceNoise:
-    """What the toggles of each place hold beside the wave and its drift."""
+    """Noise of the toggles of P places, beside the wave and its drift."""
 
     deviation: Array
     """(P,) standard deviation, gray levels, of what the frame before does not predict."""

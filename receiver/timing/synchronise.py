@@ -83,7 +83,7 @@ def needed_evidence(span: float, fps: float, code: PilotCode = PLAIN) -> float:
 
 @dataclass(frozen=True)
 class Toggling:
-    """What a search for a clock found, whether it is believed or not."""
+    """The best clock that a search found, whether it is believed or not."""
 
     strength: float
     """Evidence of the best clock as a share of what is needed; 1 and more is a lock."""

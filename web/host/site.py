@@ -1,7 +1,7 @@
 """Build the site that sends and reads, a folder that any static host can serve over https.
 
-JavaScript is bundled by esbuild, a tool of Node.js, from `web/src`. Everything else that the
-pages need, such as the graphs of the decoders and tables of the presets, comes from Python.
+JavaScript is bundled by esbuild, a tool of Node.js, from `web/page` and `web/port`. Everything else
+that the pages need, such as the decoders' graphs and tables of the presets, comes from Python.
 """
 
 import gzip

@@ -35,7 +35,7 @@ too: a third of a block of the finest grids, and a frame around the picture. Cho
 
 @dataclass(frozen=True, eq=False)
 class HeldFrame:
-    """A frame that is held still: how what it shows has moved since a reference frame.
+    """A frame, and how what it shows has moved since a reference frame.
 
     A camera that moves sideways sees what is near move farther than what is behind it (parallax).
     So a display is held still by the points within it, and only where they do not suffice, by the
@@ -43,13 +43,13 @@ class HeldFrame:
     """
 
     gray: Gray
-    """(H, W) uint8."""
+    """The frame's gray image."""
     H_image_from_reference: Homography
-    """Homography: where most points of the reference lie in it."""
+    """Homography that maps points of the reference to where most of them lie in the frame."""
     at: float
     """Its position since the reference (`receiver.pilots.waves.position`)."""
     time: float
-    """When it was taken, seconds."""
+    """Time at which the frame was taken, in seconds."""
     tracks: Tracks | None = None
     """Points of the reference that were found again in it; None to go by the room alone, because
     pictures may move."""
@@ -120,10 +120,10 @@ class HeldFrame:
 
 @dataclass(frozen=True, eq=False)
 class Surrounded:
-    """Where a quadrilateral lies in a frame, as what surrounds it tells."""
+    """The place of a quadrilateral in a frame, found by what surrounds it."""
 
     outline: "MovingOutline"
-    """What follows it."""
+    """Outline that follows the quadrilateral."""
     motion: Homography
     """Homography from the reference to the frame."""
 
@@ -159,7 +159,7 @@ class MovingOutline:
 
     @property
     def picture_moves(self) -> bool:
-        """Whether what it shows has moved in another way than what surrounds it."""
+        """Whether the quadrilateral's picture has moved in another way than what surrounds it."""
         return self._votes >= VOTES
 
     def take(self, gray: Gray, shown: Corners | None) -> Surrounded | None:

@@ -33,10 +33,10 @@ leave time for several. What is proposed late takes half of them. Chosen by hand
 
 @dataclass(frozen=True)
 class PilotDisplay:
-    """A display that its pilots have given away."""
+    """A display that was found by its pilots."""
 
     layout: Layout
-    """Layout that it shows, one of those that were looked for."""
+    """Layout that the display shows, one of those that were looked for."""
     corners: Corners
     """Pixels of the newest frame, from the top left of the displayed picture on."""
     first_corners: Corners
@@ -44,7 +44,7 @@ class PilotDisplay:
     k: float
     """Coefficient of the lens (`link.geometry.Lens`)."""
     clock: DisplayClock | None
-    """When the display shows which state, where its code tells; the camera's time, in seconds."""
+    """Clock of a display with a code, in seconds of the camera's time; None for other displays."""
     picture_moves: bool
     """Whether the display's picture moves by itself."""
     held: tuple[HeldFrame, ...]
@@ -69,8 +69,8 @@ class PilotSearch:
         self._steps = max(1, round(STEPS_HZ / fps))
         self._coded = any(layout.code != PLAIN for layout in layouts)
         self.picture_moves = False
-        """Whether the picture moves of the display that was found; before one is, whether pictures
-        move in the next window."""
+        """Whether the picture of the display that was found moves by itself. Before one is found,
+        whether pictures are taken to move in the next window."""
         self._failed = 0
         # steps hold their window, which knows nothing of them: it is freed where it is dropped
         self._windows: dict[WindowSearch, Search] = {}

@@ -57,9 +57,10 @@ STATES_HZ = (15.0, 30.0, 60.0, 120.0)
 """Numbers of states a second at which what toggles is outlined; where edges bound the display, it
 is found at any rate. Panels show states at whole parts of 60 and 120 Hz."""
 PROMISING = 9.0
-"""Evidence of a quadrilateral, before it pays, at which its corners are refined at once; without so
-much in a search without a detection, there was probably no display to be seen. The false-alarm
-probability of one quadrilateral is e to the -9, one in 8,000: dear steps are taken for few."""
+"""Evidence of a quadrilateral, before the number of trials is taken off, at which its corners are
+refined at once. The false-alarm probability of one quadrilateral is then e to the -9, one in 8,000,
+so that slow steps are taken for few. If a search ends without a detection and no quadrilateral had
+so much, there was probably no display to be seen."""
 
 
 PilotsSeen = list[list[NDArray[np.float32]]]
@@ -68,14 +69,14 @@ PilotsSeen = list[list[NDArray[np.float32]]]
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """Where a display may be."""
+    """A place where a display may be, with the layout and the toggling that it may show."""
 
     corners: Corners
     """Pixels of the reference frame; the displayed picture's top left comes first."""
     layout: Layout
-    """What it may show."""
+    """Layout that the display may show."""
     toggling: TogglePattern
-    """How it may toggle."""
+    """Pattern in which the display's blocks may toggle."""
 
 
 def weigh(

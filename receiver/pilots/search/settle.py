@@ -36,13 +36,13 @@ a trial (Bonferroni). Chosen by hand."""
 PRICE = float(np.log(TRIALS))
 """Evidence that a proposal pays for all the trials of its search."""
 CERTAIN, CERTAIN_SHARE = 35.0, 0.75
-"""Evidence from which on a display is believed at once, and the share of the number of pilots that
-is enough where it is less; below it, later frames must agree. Corners that were fitted to the same
-frames bring evidence of their own, which `TRIALS` does not pay for; twice `SURE` and more was
-chosen by hand to outweigh it."""
+"""Evidence with which a display is believed at once. It is enough to have `CERTAIN_SHARE` times the
+number of pilots where that is less. With less evidence, later frames must agree. Corners that were
+fitted to the same frames bring evidence of their own, which `TRIALS` does not allow for; `CERTAIN`,
+more than twice `SURE`, was chosen by hand to outweigh it."""
 CONFIRMED = 9.0
-"""Evidence, before it pays for anything, that later frames must bring where they must agree: a
-false-alarm probability of one in 8,000, for a place that was chosen before they came."""
+"""Evidence that later frames must bring where they have to agree. The place was chosen before they
+came, so no trials are taken off: the false-alarm probability is one in 8,000."""
 LOOKS, EARLY = (0.5, 0.75, 1.0), 2.0
 """Shares of the later frames after which it is seen whether they agree, and the evidence that must
 come on top before the last of them, because chance gets a try with each. Chosen by hand; the price
@@ -66,7 +66,7 @@ class Detection:
     """A display that was detected."""
 
     proposal: Proposal
-    """Where it is in the reference frame, and what it shows."""
+    """Corners of the display in the reference frame, its layout, and how it toggles."""
     k: float
     """Coefficient of the lens (`link.geometry.Lens`); 0 where nothing speaks for another."""
 

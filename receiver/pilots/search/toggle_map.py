@@ -67,9 +67,9 @@ one, from the rounding of a corner by `CLOSED_PX` down. Chosen by hand."""
 MOVES = np.array([[x, y] for x in (-1, 0, 1) for y in (-1, 0, 1) if x or y], float)
 """Directions in which corners are tried to be moved."""
 FAINT, EDGE_SHARE = 0.12, 0.25
-"""Averaged logarithm above the usual one at which a place speaks for lying within the outline, and
-the share of what is usual where it toggles clearly, if that is more: averaging spreads it over the
-display's edges. Chosen by hand."""
+"""A place speaks for lying within the outline if its averaged logarithm is above the usual one by
+`FAINT`, or by `EDGE_SHARE` of what is usual where something toggles clearly, if that is more:
+averaging spreads the toggling over the display's edges. Chosen by hand."""
 LEAST_SHARE = 0.01
 """Smallest share of the image that a toggling display covers: twice that of
 `receiver.pilots.search.film.LEAST_AREA`, since averaging spreads it. Chosen by hand."""

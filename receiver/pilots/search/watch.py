@@ -63,7 +63,7 @@ class Watch:
         self._kept: list[HeldFrame] = []  # those watched, and the newest after them
         self._held = max(LEAST_HELD, round(HELD_S * fps))
         self.map = ToggleMap()
-        """What toggles in the frames watched."""
+        """Map of the places that toggle in the frames watched."""
         self.fps = fps
         self._own: dict[bytes, list[Array]] = {}
         self._outlines: list[MovingOutline] = []

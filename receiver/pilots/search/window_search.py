@@ -54,7 +54,7 @@ class WindowSearch:
         self.watch, self._turns = watch, turns
         self._proposer = Proposer(watch, layouts)
         self.most_evidence = 0.0
-        """Largest evidence of a quadrilateral so far, before it pays."""
+        """Largest evidence of a quadrilateral so far, before the number of trials is taken off."""
         self.is_late = False
         """Whether all edges have been weighed coarsely, in all frames that are watched."""
         self.waiting: list[Search] = []
