@@ -57,8 +57,6 @@ class Loop:
     """(frames, n_bits) bits of the message, 0 or 1, as `link.code.framing.encode` returns them."""
     pictures: Pictures
     """Pictures that carry the message; each is resized for the display."""
-    pyramid_level: int = 0
-    """Softness of the blocks' edges, which blur over about 2**level pixels; 0 for hard edges."""
     display_size: tuple[int, int] | None = None
     """Width and height of the display, in pixels; None for what `usual_size` chooses for the first
     picture."""
@@ -98,8 +96,8 @@ class Loop:
         """Give what each frame pair of one loop is made of, one after another.
 
         Raises:
-            InputError: a picture is no good, the loop is too long, or kappa, the bits or the
-                pyramid level do not fit the layout.
+            InputError: a picture is no good, the loop is too long, or kappa or the bits do not
+                fit the layout.
         """
         last = None
         for number, (picture, after) in enumerate(self._pictures()):
@@ -144,8 +142,8 @@ class Loop:
         by a jump in the code.
 
         Raises:
-            InputError: a picture is no good, the loop is too long, or kappa, the bits or the
-                pyramid level do not fit the layout.
+            InputError: a picture is no good, the loop is too long, or kappa or the bits do not
+                fit the layout.
         """
         code, number, pairs = self.layout.code, 0, None
         while number != pairs:
@@ -328,7 +326,7 @@ class Carrier:
         """Make both frames as the display shows them over one picture, before they are turned.
 
         Raises:
-            InputError: kappa, the bits or the pyramid level do not fit the layout.
+            InputError: kappa or the bits do not fit the layout.
         """
         loop = self.loop
         return embed(
@@ -336,7 +334,6 @@ class Carrier:
             self.bits,
             loop.shown_layout,
             loop.kappa,
-            loop.pyramid_level,
             steps=self.steps,
             turned=self.turned,
         )

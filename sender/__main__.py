@@ -205,7 +205,6 @@ def send_parser() -> Parser:
     add("--pilots", help="share of blocks with known bits in place of patches, or auto")
     add("--layout", type=Path, help="JSON file with a layout, or sent.json, instead of these seven")
     add = parser.add_argument_group("rates and coding, in place of the preset's").add_argument
-    add("--pyramid-level", type=int, default=0, help="soften the edges of blocks (0)")
     add("--hold", type=int, help="refreshes that a state stays, instead of the preset's rate")
     add("--refresh", type=float, default=USUAL_REFRESH, help="of the display, Hz (60)")
     add("--state-hz", type=float, help="states a second, instead of the preset's rate")
@@ -263,14 +262,12 @@ def main() -> None:
     bits = encode(protected, layout.n_bits, args.redundancy, signed=args.key is not None)
     fit = args.fit or ("cover" if args.size is None else "contain")
     even = preset.even if args.even is None else args.even
-    even = even and layout.modulation == "antipodal" and not args.pyramid_level
+    even = even and layout.modulation == "antipodal"
     moving = is_film(args.pictures)
     if kind == ".html" and moving and args.pictures.suffix.lower() in PLAYED:
         first = next(pictures())  # the page makes the states of the others
         pictures = partial(iter, [first])
-    loop = Loop(
-        layout, preset.kappa, bits, pictures, args.pyramid_level, args.size, fit, even, moving
-    )
+    loop = Loop(layout, preset.kappa, bits, pictures, args.size, fit, even, moving)
     note_coarse(loop.placement.given_size, loop.placement.picture_size)
     hiding = Hiding(loop.shown_layout, state_hz, onlooker, even)
     loop.kappa = choose_kappa(preset.kappa, args.kappa, args.visibility, hiding)

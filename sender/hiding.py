@@ -3,7 +3,7 @@
 Visibility is contrast over threshold, where 1 is just seen (`sender.visibility.flicker`). A picture
 has many levels, and a player may show many pictures; what counts is the most visible of a few gray
 levels, whatever the picture (`sender.visibility.viewing.PICTURE_LEVELS`). The message is random,
-and always the same. Soft edges of blocks are taken for hard ones.
+and always the same.
 """
 
 import bisect
@@ -18,7 +18,6 @@ from link.errors import ParameterError
 from link.layout import Layout
 from link.strength import even_factor, light_of_level
 from sender.visibility.flicker import contrast_over_threshold, random_message
-from sender.visibility.line_code import CODE_OF_MODULATION
 from sender.visibility.viewing import PICTURE_LEVELS, Viewing, Where
 
 PLAIN = 2.0
@@ -154,8 +153,8 @@ class Hiding:
         viewing = self.onlooker.viewing(self.layout, self.state_hz)
         factor = float(even_factor(light_of_level(level))) if self.even else 1.0
         viewing = replace(viewing, kappa=kappa * factor, picture_level=level)
-        code, rng = CODE_OF_MODULATION[self.layout.modulation], np.random.default_rng(MESSAGE_SEED)
-        shown = random_message(viewing, code, rng, SECONDS)
+        rng = np.random.default_rng(MESSAGE_SEED)
+        shown = random_message(viewing, self.layout.modulation, rng, SECONDS)
         return contrast_over_threshold(shown, viewing, where).high
 
     def largest_kappa(self, limit: float) -> int:
