@@ -201,7 +201,7 @@ def test_the_folder_says_what_was_sent(inputs: Path, tmp_path: Path, command: Co
     done = command(
         send_cli.main,
         *(inputs / "picture.png", "--file", inputs / "layout.json", "--out", out),
-        *("--layout", inputs / "layout.json", "--state-hz", 10),
+        *("--layout", inputs / "layout.json", "--hold", 6),
     )
     said = report(done)
     assert json.loads((out / "sent.json").read_text()) | {"out": str(out)} == said
@@ -623,7 +623,7 @@ def test_the_sender_says_how_visible_the_message_is(tmp_path: Path, send: Send) 
     for number, flags in enumerate(
         [
             ("--kappa", 2),
-            ("--kappa", 2, "--refresh", 120, "--state-hz", 60),  # light is held: no change
+            ("--kappa", 2, "--refresh", 120, "--hold", 2),  # light is held: no change
             ("--kappa", 1),
             ("--kappa", 2, "--distance", 6),
             ("--kappa", 2, "--luminance", 20),
@@ -631,11 +631,7 @@ def test_the_sender_says_how_visible_the_message_is(tmp_path: Path, send: Send) 
             ("--kappa", 2, "--hold", 4),
         ]
     ):
-        given = [*SHOWN, *flags]
-        if "--state-hz" in flags:
-            del given[given.index("--hold") : given.index("--hold") + 2]
-            given += ["--hold", 2]
-        said = send(tmp_path / f"{number}.html", *given)
+        said = send(tmp_path / f"{number}.html", *SHOWN, *flags)
         other[number] = [said[key] for key in keys]
     assert other[0] == other[1] == [block, screen]
     for number in (2, 3, 4, 5):
@@ -709,5 +705,5 @@ DISPLAYS_HZ = (48, 50, 59.94, 60, 72, 75, 85, 90, 100, 120, 144, 165, 170, 200, 
 def test_receivers_know_the_rate_at_which_a_display_shows_a_code(refresh: float) -> None:
     preset = PRESETS["hidden"]
     preset.layout.code.check_rate(
-        send_cli.states_per_second(preset.state_hz, None, refresh, None, ".html")
+        send_cli.states_per_second(preset.state_hz, None, refresh, ".html")
     )
