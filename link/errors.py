@@ -91,6 +91,26 @@ def at_least(low: int, **parameters: int) -> None:
             raise ParameterError(name, f"need at least {low}, got {value}")
 
 
+def in_range(settings: object, **limits: tuple[float, float, str]) -> None:
+    """Raise a `ParameterError` that names the first field of settings that is out of its range.
+
+    Args:
+        settings: holds the fields; one that is None is in range.
+        limits: by the name of a field its least and its largest value, and the unit in words, with
+            a space before it where it has one.
+
+    >>> from types import SimpleNamespace
+    >>> in_range(SimpleNamespace(fps=0.0), fps=(0.1, 1000, " a second"))
+    Traceback (most recent call last):
+    ...
+    link.errors.ParameterError: fps: need 0.1 to 1000 a second, got 0
+    """
+    for name, (low, high, unit) in limits.items():
+        value = getattr(settings, name)
+        if value is not None and not low <= value <= high:
+            raise ParameterError(name, f"need {low:g} to {high:g}{unit}, got {value:g}")
+
+
 def each_once(**parameters: Sequence[object]) -> None:
     """Raise a `ParameterError` that names the first list that is empty or repeats a value."""
     for name, values in parameters.items():

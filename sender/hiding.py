@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 
 from link.embed import MAX_KAPPA
-from link.errors import ParameterError
+from link.errors import ParameterError, in_range
 from link.layout import Layout
 from link.strength import even_factor, light_of_level
 from sender.visibility.flicker import contrast_over_threshold, random_message
@@ -55,14 +55,12 @@ class Onlooker:
     """Distance of the eye from the display, in metres."""
 
     def __post_init__(self) -> None:
-        for name, low, high in (
-            ("diagonal", 0.1, 10_000),
-            ("luminance", 1, 100_000),
-            ("distance", 0.01, 10_000),
-        ):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise ParameterError(name, f"need {low:g} to {high:g}, got {value:g}")
+        in_range(
+            self,
+            diagonal=(0.1, 10_000, ""),
+            luminance=(1, 100_000, ""),
+            distance=(0.01, 10_000, ""),
+        )
 
     def viewing(self, layout: Layout, state_hz: float) -> Viewing:
         """Describe what is seen of a layout's blocks, for the module `sender.visibility.flicker`.

@@ -69,7 +69,7 @@ REFUSED = [
     ("video", "--out x.txt", "--out: need a folder, or a file of .mkv, .avi, .mp4, .mov that"),
     ("video", "--seconds 0", "--seconds: need more than 0"),
     ("video", "--pair canon", "unknown pair"),
-    ("video", "--coverage 2", "--coverage: need a share"),
+    ("video", "--coverage 2", "--coverage: need 0.05 to 0.9 of the image"),
     ("video", "--fps 0", "--fps: need 0.1 to 1000 a second, got 0"),
     ("video", "--without perspective", "a scene needs perspective"),
     ("mp4", "--out x.webm", "--out: need a folder, or a file of .mkv, .avi, .mp4, .mov"),
