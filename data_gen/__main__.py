@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -29,8 +29,6 @@ class DataGenConfig(CellFlags):
     """Number of frame pairs."""
     hidden: bool = False
     """Show equalised pictures without ratex patches, for hidden_ratex."""
-    pyramid_level: int = 0
-    """Add the message at this coarser pyramid level; 0 for plain blocks."""
 
 
 def main() -> None:
@@ -38,7 +36,7 @@ def main() -> None:
     config = check_flags(tyro.cli(DataGenConfig, prog="python -m data_gen"))
     at_least(1, frames=config.frames)
     cell = config.cell()
-    source = replace(config.source(config.split), pyramid_level=config.pyramid_level)
+    source = config.source(config.split)
     source.pair(cell.pair)
     shuffled_pictures(source)  # a wrong folder of pictures is refused before any work
     visibility = []

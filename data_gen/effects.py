@@ -106,7 +106,7 @@ def parameter_names(part: Any) -> set[str]:
     return found - {"name"}
 
 
-def parse_settings(texts: Iterable[str], flag: str = "--set") -> tuple[tuple[str, Any], ...]:
+def parse_settings(texts: Iterable[str]) -> tuple[tuple[str, Any], ...]:
     """Read parameters of the channel from texts of the form ``name=value``.
 
     A value that ends in .csv names a file with a curve.
@@ -116,7 +116,6 @@ def parse_settings(texts: Iterable[str], flag: str = "--set") -> tuple[tuple[str
 
     Args:
         texts: the settings; each value is written in JSON.
-        flag: command-line flag that the error names.
 
     Returns:
         Names and values, lists as tuples.
@@ -137,7 +136,7 @@ def parse_settings(texts: Iterable[str], flag: str = "--set") -> tuple[tuple[str
             problem = f"need name=value, such as drift=0.1, got {text!r:.100}"
             if equals:
                 problem += f" ({error})"
-            raise ParameterError(flag, problem) from None
+            raise ParameterError("--set", problem) from None
         settings.append((name, as_tuple(parsed)))
     return tuple(settings)
 

@@ -51,8 +51,6 @@ class Source:
     """Split whose pictures and channel draws are used: "train" or "test"."""
     seed: int = 0
     """Seed of every random draw."""
-    pyramid_level: int = 0
-    """Coarser pyramid level at which the message is added; 0 for plain blocks."""
     pictures: Path | None = None
     """Folder or video of the user's own pictures, in place of the built-in ones of the split."""
     ratex_kappa: int | None = None
@@ -170,7 +168,6 @@ class FramePair:
             bits,
             layout,
             self.cell.kappa,
-            source.pyramid_level,
             source.ratex_kappa,
             steps=block_steps(picture, layout) if source.even else None,
         )

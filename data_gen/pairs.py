@@ -260,7 +260,7 @@ def _own_pair(file: Path) -> Pair:
     return replace(pair, name=file.name)
 
 
-def pair_names(names: Sequence[str], flag: str = "--pairs") -> tuple[str, ...]:
+def pair_names(names: Sequence[str]) -> tuple[str, ...]:
     """Return the names of pairs, with those of its pairs in place of a group's.
 
     >>> pair_names(["canon-lg", "today"])[:3]
@@ -268,12 +268,11 @@ def pair_names(names: Sequence[str], flag: str = "--pairs") -> tuple[str, ...]:
 
     Args:
         names: names of pairs and of `GROUPS`, and files of pairs of one's own.
-        flag: command-line flag that the error names.
 
     Raises:
         InputError: a name is neither a pair's nor a group's; the message lists all of them.
     """
     single = {name: (name,) for name in PAIRS | TODAY}
     single |= {name: (name,) for name in names if name.endswith(".json")}
-    found = [choose(GROUPS | single, name, f"name in {flag}") for name in names]
+    found = [choose(GROUPS | single, name, "name in --pairs") for name in names]
     return tuple(name for group in found for name in group)

@@ -4,6 +4,7 @@ python -m export.parity RUN --frames 1000
 """
 
 import json
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -33,6 +34,8 @@ TOLERANCE = 1e-3
 FILM_TOLERANCE = 0.1
 """Largest difference of a score of the film decoder, in log-likelihood units: its rounds are in
 float32. Bits of smaller scores may differ."""
+FILM_WINDOWS, FILM_SEED = 9, 1
+"""Number of the windows of film that are compared, and their seed."""
 FILM_GRIDS = ((16, 16), (24, 32), (48, 64))
 """Rows and columns of the grids of the windows that are compared."""
 NOISE_RANGE = (10.0, 100.0)
@@ -40,6 +43,8 @@ NOISE_RANGE = (10.0, 100.0)
 of their bound, where all are alike, at `FAINT`."""
 FAINT = 3
 """Largest kappa of the compared frame pairs."""
+Both = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""Scores of one observation by torch and by onnxruntime."""
 
 
 @dataclass(frozen=True)
@@ -78,52 +83,56 @@ def compare_with_torch(module: PhiDecoder, decoder: Decoder, frames: int, seed: 
         seed: seed of the frame pairs.
     """
     rng = np.random.default_rng(seed)
-    scores, differences, different = [], [], 0
     module.eval()
-    for index in tqdm(range(frames), desc="parity", unit="pair"):
-        scale = rng.uniform(0.5, 1.5) if index % 3 == 2 else 1.0
-        noise = np.exp(rng.uniform(*np.log(NOISE_RANGE)))
-        pair = synthetic_pair(resized_layout(module.layout, scale), rng, noise, FAINT)
-        ours = decode_with(module, pair)
-        theirs = decoder.decode(pair.original, pair.embedded)
-        scores.append(np.abs(ours.scores))
-        differences.append(np.abs(ours.scores - theirs.scores))
-        different += int((ours.bits != theirs.bits).sum())
-    score = np.concatenate(scores)
-    worst = float(np.max(differences))
-    return Parity(frames, score.size, different, worst, float(score.max()), float(np.median(score)))
+
+    def both() -> Iterator[Both]:
+        for index in tqdm(range(frames), desc="parity", unit="pair"):
+            scale = rng.uniform(0.5, 1.5) if index % 3 == 2 else 1.0
+            noise = np.exp(rng.uniform(*np.log(NOISE_RANGE)))
+            pair = synthetic_pair(resized_layout(module.layout, scale), rng, noise, FAINT)
+            theirs = decoder.decode(pair.original, pair.embedded)
+            yield decode_with(module, pair).scores, theirs.scores
+
+    return _compared(both(), TOLERANCE, clear=0.0)
 
 
-def compare_films(module: FilmDecoder, graph: FilmGraph, windows: int = 9, seed: int = 1) -> Parity:
+def compare_films(module: FilmDecoder, graph: FilmGraph) -> Parity:
     """Decode synthetic windows of film with both, on grids and of lengths that differ.
 
     Args:
         module: the film decoder in torch.
         graph: the film decoder in onnxruntime.
-        windows: number of windows.
-        seed: seed of the windows.
 
     Returns:
         what was found; bits count as different where their scores exceed `FILM_TOLERANCE`.
     """
-    rng = np.random.default_rng(seed)
-    scores, differences, different = [], [], 0
+    rng = np.random.default_rng(FILM_SEED)
     module.eval()
-    for index in range(windows):
-        rows, cols = FILM_GRIDS[index % len(FILM_GRIDS)]
-        layout = make_layout(rows, cols, modulation="antipodal", pilots="auto")
-        window = synthetic_window(layout, rng, frames=8 + 3 * index).observation
-        ours, theirs = (
-            decoded.scores for decoded in (decode_film_with(module, window), graph.decode(window))
-        )
+
+    def both() -> Iterator[Both]:
+        for index in range(FILM_WINDOWS):
+            rows, cols = FILM_GRIDS[index % len(FILM_GRIDS)]
+            layout = make_layout(rows, cols, modulation="antipodal", pilots="auto")
+            window = synthetic_window(layout, rng, frames=8 + 3 * index).observation
+            yield decode_film_with(module, window).scores, graph.decode(window).scores
+
+    return _compared(both(), FILM_TOLERANCE, clear=FILM_TOLERANCE)
+
+
+def _compared(both: Iterator[Both], tolerance: float, clear: float) -> Parity:
+    """Compare scores of observations; bits count where one of both scores is beyond ``clear``."""
+    scores, differences, different, count = [], [], 0, 0
+    for ours, theirs in both:
+        count += 1
         scores.append(np.abs(ours))
         differences.append(float(np.abs(ours - theirs).max()))
-        clear = np.maximum(np.abs(ours), np.abs(theirs)) > FILM_TOLERANCE
-        different += int((((ours > 0) != (theirs > 0)) & clear).sum())
+        decided = np.maximum(np.abs(ours), np.abs(theirs)) > clear
+        different += int((((ours > 0) != (theirs > 0)) & decided).sum())
     score = np.concatenate(scores)
     largest, median = float(score.max()), float(np.median(score))
-    worst = max(differences)
-    return Parity(windows, score.size, different, worst, largest, median, FILM_TOLERANCE)
+    return Parity(
+        count, score.size, different, float(np.max(differences)), largest, median, tolerance
+    )
 
 
 @dataclass(frozen=True)

@@ -208,7 +208,6 @@ def export(
     run_name: str,
     frames: int,
     training: Mapping[str, Any] | None = None,
-    seed: int = 1,
 ) -> Parity:
     """Write an .onnx file once its parity with torch is shown.
 
@@ -221,7 +220,6 @@ def export(
         run_name: name of the training run, kept in the metadata.
         frames: number of synthetic frame pairs on which both must agree.
         training: settings of the training run, in JSON's types, kept in the metadata.
-        seed: seed of the frame pairs.
 
     Returns:
         what the comparison found.
@@ -232,7 +230,7 @@ def export(
     end_with_parent()
     data = to_onnx(module, run_name, training)
     return _write_checked(
-        path, data, lambda file: compare_with_torch(module, Decoder(file), frames, seed)
+        path, data, lambda file: compare_with_torch(module, Decoder(file), frames, seed=1)
     )
 
 

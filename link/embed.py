@@ -10,7 +10,6 @@ Red, green and blue change alike. What is no whole number of gray levels is dith
 is the picture in every pixel.
 """
 
-import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -132,45 +131,6 @@ def block_changes(bits: ArrayLike, layout: Layout) -> NDArray[np.float32]:
     return grid
 
 
-def message_mask(bits: ArrayLike, layout: Layout, pyramid_level: int = 0) -> NDArray[np.float32]:
-    """Work out by which share of kappa each pixel changes between the two frames.
-
-    Adding kappa at level L of a Laplacian pyramid and collapsing it is, since both are linear, the
-    same as adding kappa times the block mask reduced L times and expanded L times (Burt & Adelson).
-
-    Args:
-        bits: (n_bits,) 0 or 1.
-        layout: the grid; its pilots get their known bits, its ratex cells 0.
-        pyramid_level: 0 for plain blocks; L blurs block edges over about 2**L pixels.
-
-    Returns:
-        (height, width) float32 in [0, 1], or in [-1, 1] where the modulation is "antipodal".
-
-    Raises:
-        InputError: wrong number or values of bits, or a level too coarse for the blocks.
-    """
-    grid = block_changes(bits, layout)
-    block_px = min(layout.width // layout.cols, layout.height // layout.rows)
-    if not 0 <= pyramid_level < (block_px // 4).bit_length():  # 2**pyramid_level <= block_px // 4
-        raise ParameterError(
-            "pyramid_level",
-            f"{pyramid_level} does not fit blocks of {block_px} pixels; "
-            f"2**level may be at most a quarter of the block",
-        )
-    low, high = layout.change_of_bits
-    mask = grid[block_grid(layout)]
-    sizes = []
-    for _ in range(pyramid_level):
-        sizes.append(mask.shape[::-1])
-        mask = cv2.pyrDown(mask, borderType=cv2.BORDER_REPLICATE)
-    for size in reversed(sizes):
-        mask = cv2.pyrUp(mask, dstsize=size)
-    for row, col in layout.ratex:
-        top, bottom, left, right = layout.cell_box(row, col)
-        mask[top:bottom, left:right] = 0
-    return np.asarray(np.clip(mask, low, high), np.float32)
-
-
 def split_change(
     change: NDArray[np.float64], before: float, turned: bool = False
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -239,7 +199,6 @@ def embed(
     bits: ArrayLike,
     layout: Layout,
     kappa: int,
-    pyramid_level: int = 0,
     ratex_kappa: int | None = None,
     *,
     steps: NDArray[np.uint8] | None = None,
@@ -252,10 +211,9 @@ def embed(
         bits: (n_bits,) 0 or 1, row-major over the message cells.
         layout: the grid and its ratex patches, which replace the picture there.
         kappa: gray levels by which blocks change.
-        pyramid_level: 0 for blocks with hard edges; L blurs the edges over about 2**L pixels.
         ratex_kappa: gray levels added in ratex tiles of label 1; by default ``kappa``.
         steps: (rows, cols) steps of strength, as `link.strength.block_steps` chooses them for
-            "antipodal" blocks with hard edges; None where all blocks change by ``kappa``.
+            "antipodal" blocks; None where all blocks change by ``kappa``.
         turned: whether the dither takes its opposite thresholds, as in every second frame pair.
 
     Returns:
@@ -280,8 +238,8 @@ def embed(
         )
     levels = levels_of_steps(kappa, steps, layout)
     shown = with_head_room(picture, kappa, layout.modulation, levels)
-    mask = message_mask(bits, layout, pyramid_level)
-    change = ((kappa * mask).round() if levels is None else levels * mask).astype(np.float64)
+    shares = block_changes(bits, layout).astype(np.float64)[block_grid(layout)]
+    change = shares * (kappa if levels is None else levels)
     if picture.ndim == 3:
         change = change[:, :, None]
     below, above = split_change(change, BEFORE[layout.modulation], turned)

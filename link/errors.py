@@ -21,15 +21,15 @@ class ParameterError(InputError):
     flag, because its users never see the parameter: `run_cli` prints `with_flag`.
 
     Args:
-        parameter: name of the parameter, such as ``pyramid_level``. A name that begins with two
+        parameter: name of the parameter, such as ``max_megapixels``. A name that begins with two
             dashes is taken to be a flag already.
         problem: what is wrong with the value, and what to do.
 
-    >>> error = ParameterError("pyramid_level", "need at least 0, got -1")
+    >>> error = ParameterError("max_megapixels", "need more than 0, got -1")
     >>> str(error)
-    'pyramid_level: need at least 0, got -1'
+    'max_megapixels: need more than 0, got -1'
     >>> error.with_flag
-    '--pyramid-level: need at least 0, got -1'
+    '--max-megapixels: need more than 0, got -1'
     """
 
     def __init__(self, parameter: str, problem: str) -> None:
@@ -89,6 +89,26 @@ def at_least(low: int, **parameters: int) -> None:
     for name, value in parameters.items():
         if not value >= low:
             raise ParameterError(name, f"need at least {low}, got {value}")
+
+
+def in_range(settings: object, **limits: tuple[float, float, str]) -> None:
+    """Raise a `ParameterError` that names the first field of settings that is out of its range.
+
+    Args:
+        settings: holds the fields; one that is None is in range.
+        limits: by the name of a field its least and its largest value, and the unit in words, with
+            a space before it where it has one.
+
+    >>> from types import SimpleNamespace
+    >>> in_range(SimpleNamespace(fps=0.0), fps=(0.1, 1000, " a second"))
+    Traceback (most recent call last):
+    ...
+    link.errors.ParameterError: fps: need 0.1 to 1000 a second, got 0
+    """
+    for name, (low, high, unit) in limits.items():
+        value = getattr(settings, name)
+        if value is not None and not low <= value <= high:
+            raise ParameterError(name, f"need {low:g} to {high:g}{unit}, got {value:g}")
 
 
 def each_once(**parameters: Sequence[object]) -> None:

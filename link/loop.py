@@ -57,8 +57,6 @@ class Loop:
     """(frames, n_bits) bits of the message, 0 or 1, as `link.code.framing.encode` returns them."""
     pictures: Pictures
     """Pictures that carry the message; each is resized for the display."""
-    pyramid_level: int = 0
-    """Softness of the blocks' edges, which blur over about 2**level pixels; 0 for hard edges."""
     display_size: tuple[int, int] | None = None
     """Width and height of the display, in pixels; None for what `usual_size` chooses for the first
     picture."""
@@ -98,8 +96,8 @@ class Loop:
         """Give what each frame pair of one loop is made of, one after another.
 
         Raises:
-            InputError: a picture is no good, the loop is too long, or kappa, the bits or the
-                pyramid level do not fit the layout.
+            InputError: a picture is no good, the loop is too long, or kappa or the bits do not
+                fit the layout.
         """
         last = None
         for number, (picture, after) in enumerate(self._pictures()):
@@ -144,8 +142,8 @@ class Loop:
         by a jump in the code.
 
         Raises:
-            InputError: a picture is no good, the loop is too long, or kappa, the bits or the
-                pyramid level do not fit the layout.
+            InputError: a picture is no good, the loop is too long, or kappa or the bits do not
+                fit the layout.
         """
         code, number, pairs = self.layout.code, 0, None
         while number != pairs:
@@ -158,11 +156,19 @@ class Loop:
                 least = -(-self.given // code.period) * code.period
                 pairs = whole if whole <= max(self.given, MOST_WHOLE) else least
 
-    def display_frames(self, pair: Displayed) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-        """Lay both frames of a pair on the display, (height, width, 3) uint8 of its size."""
-        frames = pair.original, pair.embedded
-        original, embedded = (self.placement.display_frame(each, self.layout) for each in frames)
-        return original, embedded
+    def state_of(self, pair: Displayed, number: int) -> NDArray[np.uint8]:
+        """Lay the frame of a pair that the state with a number shows on the display.
+
+        Args:
+            pair: both frames of frame pair ``number`` // 2, before they are turned.
+            number: number of the state, 0 or more, which with the code chooses the frame.
+
+        Returns:
+            (height, width, 3) uint8 of the display's size.
+        """
+        embedded = self.layout.code.states_of(number // 2)[1] == number
+        frame = pair.embedded if embedded else pair.original
+        return self.placement.display_frame(frame, self.layout)
 
     def _pictures(self) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.uint8]]]:
         """Both pictures of each pair; every picture once, then again until the message is whole."""
@@ -250,9 +256,7 @@ class MovingStates:
         if self._last is None or self._last[0] != pair or self._last[1] is not picture:
             carrier = self._loop.carrier(pair, picture)
             self._last = pair, picture, carrier.displayed()
-        shown, embedded = self._last[2], self._loop.layout.code.states_of(pair)[1] == number
-        frame = shown.embedded if embedded else shown.original
-        return self._loop.placement.display_frame(frame, self._loop.layout)
+        return self._loop.state_of(self._last[2], number)
 
 
 class LoopStates:
@@ -274,15 +278,14 @@ class LoopStates:
 
     def __init__(self, loop: Loop) -> None:
         carriers = list(loop.carriers())
-        self._code, self._pairs = loop.layout.code, len(carriers)
-        self._frames = lru_cache(2)(lambda k: loop.display_frames(carriers[k].displayed()))
+        self._loop, self._count = loop, len(carriers)
+        self._pair = lru_cache(2)(lambda k: carriers[k].displayed())
 
     def __len__(self) -> int:
-        return 2 * lcm(self._pairs, self._code.period)
+        return 2 * lcm(self._count, self._loop.layout.code.period)
 
     def __getitem__(self, number: int) -> NDArray[np.uint8]:
-        pair = number // 2
-        return self._frames(pair % self._pairs)[self._code.states_of(pair).index(number)]
+        return self._loop.state_of(self._pair(number // 2 % self._count), number)
 
 
 @dataclass(frozen=True, eq=False)
@@ -328,7 +331,7 @@ class Carrier:
         """Make both frames as the display shows them over one picture, before they are turned.
 
         Raises:
-            InputError: kappa, the bits or the pyramid level do not fit the layout.
+            InputError: kappa or the bits do not fit the layout.
         """
         loop = self.loop
         return embed(
@@ -336,7 +339,6 @@ class Carrier:
             self.bits,
             loop.shown_layout,
             loop.kappa,
-            loop.pyramid_level,
             steps=self.steps,
             turned=self.turned,
         )

@@ -20,19 +20,14 @@ CORNER_NAMES = ("TL", "TR", "BR", "BL")
 
 
 def outline_display(
-    image: Image,
-    corners: Corners | None,
-    colour: Colour = RED,
-    *,
-    names: bool = True,
+    image: Image, corners: Corners | None, colour: Colour = RED
 ) -> NDArray[np.uint8]:
-    """Draw the outline of a display on a copy of an image.
+    """Draw the outline of a display, and the names of its corners, on a copy of an image.
 
     Args:
         image: an `Image`.
         corners: (4, 2) pixels in corner order, or None where no display was found.
         colour: colour of the outline.
-        names: whether the corners' names are written beside them.
 
     Returns:
         (H, W, 3) uint8 RGB; an unchanged copy where ``corners`` is None.
@@ -49,10 +44,9 @@ def outline_display(
     thick = max(1, round(max(canvas.shape) / 640))
     points = (corners * 16).round().astype(np.int32)  # 4 binary places
     cv2.polylines(canvas, [points], True, colour, thick, cv2.LINE_AA, 4)
-    if names:
-        for name, (x, y) in zip(CORNER_NAMES, corners, strict=True):
-            at = round(float(x)), round(float(y))
-            cv2.putText(canvas, name, at, cv2.FONT_HERSHEY_SIMPLEX, 0.6 * thick, YELLOW, thick)
+    for name, (x, y) in zip(CORNER_NAMES, corners, strict=True):
+        at = round(float(x)), round(float(y))
+        cv2.putText(canvas, name, at, cv2.FONT_HERSHEY_SIMPLEX, 0.6 * thick, YELLOW, thick)
     return canvas
 
 

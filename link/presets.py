@@ -60,9 +60,6 @@ class Preset:
     """Number of gray levels by which blocks change."""
     state_hz: float
     """Number of states, which are original or embedded frames, that are shown in a second."""
-    line_code: str
-    """How a block shows a row of bits over time; a key of `sender.visibility.line_code.LINE_CODES`.
-    The sender shows the code of the layout's modulation."""
     purpose: str = ""
     """One sentence that says what the preset is good for: in a few words, a colon, and in more."""
     distance_m: float = USUAL_DISTANCE_M
@@ -108,14 +105,12 @@ PRESETS = {
         make_layout(),
         kappa=3,
         state_hz=15.0,
-        line_code="on_off",
         purpose="To compare with the paper: its blocks and patches, which are seen.",
     ),
     "hidden": Preset(
         make_layout(48, 64, modulation="antipodal", pilots="auto", code=PilotCode()),
         kappa=1,
         state_hz=60.0,
-        line_code="toggle",
         purpose="To stay unseen: below the threshold of sight 1 m from 24 inches of 200 cd/m².",
         distance_m=1.0,
         even=True,
@@ -124,14 +119,12 @@ PRESETS = {
         make_layout(96, 128, modulation="antipodal", pilots="auto"),
         kappa=3,
         state_hz=30.0,
-        line_code="toggle",
         purpose="To send much: most bits a second; it flickers.",
     ),
     "robust": Preset(
         make_layout(24, 32, modulation="antipodal", pilots="auto"),
         kappa=3,
         state_hz=15.0,
-        line_code="toggle",
         purpose="To reach every camera: far or slanted, slow or compressed; it is seen.",
     ),
 }

@@ -108,10 +108,8 @@ def choose_layout(preset: Preset, file: Path | None, grid: dict[str, Any]) -> La
     return read_layout(file)
 
 
-def states_per_second(
-    usual: float, hold: int | None, refresh: float, state_hz: float | None, kind: str
-) -> float:
-    """Work out how many states are shown in a second: --state-hz, --refresh / --hold, or usual.
+def states_per_second(usual: float, hold: int | None, refresh: float, kind: str) -> float:
+    """Work out how many states are shown in a second: --refresh / --hold, or usual.
 
     A player (".html") holds states for whole refreshes, so that it takes the least rate that the
     display has and that is not slower than the usual one, which would be seen more.
@@ -120,30 +118,19 @@ def states_per_second(
         usual: states a second where no flag says more, as in a preset.
         hold: value of --hold, refreshes that a state stays, None where absent.
         refresh: refreshes of the display in a second.
-        state_hz: value of --state-hz, None where absent.
         kind: ending of the output's name.
 
     Raises:
-        InputError: the rate is no number from 0.1 to 1000, or the player cannot keep it.
+        InputError: the rate is no number from 0.1 to 1000.
     """
     if hold is not None:
         at_least(1, hold=hold)
-    wanted = usual if state_hz is None else state_hz
-    if state_hz is None and hold is not None:
-        wanted = refresh / hold
+    wanted = usual if hold is None else refresh / hold
     if not (0.1 <= wanted <= 1000 and refresh >= 0.1):
-        raise InputError(f"--refresh, --state-hz: need 0.1 to 1000 a second, got {wanted:g}")
-    if kind != ".html":
+        raise InputError(f"--refresh, --hold: need 0.1 to 1000 a second, got {wanted:g}")
+    if kind != ".html" or hold is not None:
         return wanted
-    held = max(1, math.floor(refresh / wanted + SAME_RATE)) if hold is None else hold
-    if state_hz is None:
-        return refresh / held
-    if not math.isclose(wanted, refresh / held, rel_tol=1e-3):
-        raise InputError(
-            f"--state-hz: the player holds a state for whole refreshes; {refresh:g} Hz with "
-            f"--hold {held} is {refresh / held:g}"
-        )
-    return wanted
+    return refresh / max(1, math.floor(refresh / wanted + SAME_RATE))
 
 
 def choose_kappa(usual: int, kappa: int | None, limit: float | None, hiding: Hiding) -> int:
@@ -205,10 +192,8 @@ def send_parser() -> Parser:
     add("--pilots", help="share of blocks with known bits in place of patches, or auto")
     add("--layout", type=Path, help="JSON file with a layout, or sent.json, instead of these seven")
     add = parser.add_argument_group("rates and coding, in place of the preset's").add_argument
-    add("--pyramid-level", type=int, default=0, help="soften the edges of blocks (0)")
     add("--hold", type=int, help="refreshes that a state stays, instead of the preset's rate")
     add("--refresh", type=float, default=USUAL_REFRESH, help="of the display, Hz (60)")
-    add("--state-hz", type=float, help="states a second, instead of the preset's rate")
     coded = f"coded bits a message bit, on fine grids ({USUAL_REDUNDANCY:g})"
     add("--redundancy", type=float, help=coded)
     return parser
@@ -254,7 +239,7 @@ def main() -> None:
     layout = choose_layout(preset, args.layout, {name: getattr(args, name) for name in GRID_FLAGS})
     distance = preset.distance_m if args.distance is None else args.distance
     onlooker = Onlooker(args.diagonal, args.luminance, distance)
-    state_hz = states_per_second(preset.state_hz, args.hold, args.refresh, args.state_hz, kind)
+    state_hz = states_per_second(preset.state_hz, args.hold, args.refresh, kind)
     layout.code.check_rate(state_hz)
     pictures = open_pictures(args.pictures, state_hz, args.max_megapixels, args.seconds)
     protected = protected_message(message, args.key, args.counter)
@@ -263,14 +248,12 @@ def main() -> None:
     bits = encode(protected, layout.n_bits, args.redundancy, signed=args.key is not None)
     fit = args.fit or ("cover" if args.size is None else "contain")
     even = preset.even if args.even is None else args.even
-    even = even and layout.modulation == "antipodal" and not args.pyramid_level
+    even = even and layout.modulation == "antipodal"
     moving = is_film(args.pictures)
     if kind == ".html" and moving and args.pictures.suffix.lower() in PLAYED:
         first = next(pictures())  # the page makes the states of the others
         pictures = partial(iter, [first])
-    loop = Loop(
-        layout, preset.kappa, bits, pictures, args.pyramid_level, args.size, fit, even, moving
-    )
+    loop = Loop(layout, preset.kappa, bits, pictures, args.size, fit, even, moving)
     note_coarse(loop.placement.given_size, loop.placement.picture_size)
     hiding = Hiding(loop.shown_layout, state_hz, onlooker, even)
     loop.kappa = choose_kappa(preset.kappa, args.kappa, args.visibility, hiding)

@@ -75,7 +75,7 @@ def write_bench(
         message = np.random.default_rng(number).bytes(MESSAGE_BYTES)
         bits = encode(message, preset.layout.n_bits)
         show = partial(iter, [picture])
-        loop = Loop(preset.layout, kappa, bits, show, 0, size, fit, preset.even)
+        loop = Loop(preset.layout, kappa, bits, show, size, fit, preset.even)
         # the bench itself warns of flicker, before all parts
         shown = {"loop": player_page(loop, state_hz, flickers={})}
         parts.append({"name": name, "layout": preset.layout.to_dict(), **shown})

@@ -16,14 +16,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from link.embed import (
     BEFORE,
     THRESHOLDS,
     levels_by_step,
     levels_of_steps,
-    message_mask,
     split_change,
     with_head_room,
 )
@@ -62,10 +61,9 @@ PLACE = ">null<"
 class Compact:
     """The rule by which a page computes the states of a loop.
 
-    Changes between the frames of a pair are numbered. Cells of one number change alike: blocks
-    where edges are hard, single pixels where they are soft. The number of a block is twice its step
-    of strength (`link.strength`), plus its bit. Pixels of ratex patches have numbers of their own,
-    which are the same in every pair.
+    Changes between the frames of a pair are numbered, and blocks of one number change alike. The
+    number of a block is twice its step of strength (`link.strength`), plus its bit. Pixels of ratex
+    patches have numbers of their own, which are the same in every pair.
 
     >>> from link.layout import make_layout
     >>> rule = Compact(make_layout(4, 4, 64, 48, modulation="antipodal", ratex=2), kappa=3)
@@ -78,28 +76,19 @@ class Compact:
     """Grid, modulation, and patches of the loop."""
     kappa: int
     """Gray levels by which blocks change."""
-    pyramid_level: int = 0
-    """Softness of the blocks' edges, as in `link.embed.message_mask`."""
-
-    @property
-    def soft(self) -> bool:
-        """Whether blocks have soft edges, so that cells are pixels."""
-        return self.pyramid_level > 0
 
     @cached_property
     def changes(self) -> NDArray[np.float64]:
-        """Array (C,) of the changes of cells between the two frames, in gray levels, by number."""
-        low, high = self.layout.change_of_bits
-        if self.soft:
-            return np.arange(self.kappa * low, self.kappa * high + 1.0)
-        return np.outer(levels_by_step(self.kappa), (low, high)).reshape(-1)  # (C = 2 steps,)
+        """Array (C,) of the changes of blocks between the two frames, in gray levels, by number."""
+        changes = np.outer(levels_by_step(self.kappa), self.layout.change_of_bits)
+        return changes.reshape(-1)  # (C = 2 steps,)
 
     @cached_property
     def offsets(self) -> NDArray[np.intp]:
         """Array (2, 2, N, 4, 4, 3) of the levels that are added to the picture.
 
         The axes are: dither as it is, or turned; original or embedded frame; number of the change,
-        where those of ratex patches come after the cells' own; row and column of the pixel in its
+        where those of ratex patches come after the blocks' own; row and column of the pixel in its
         tile; red, green and blue.
         """
         still = np.zeros((TILE, TILE, 3), np.intp)
@@ -156,11 +145,6 @@ class Compact:
         letters = np.where(layout.message_mask, ".", "0").reshape(-1)
         letters[layout.pilot_blocks] = layout.pilot_bits.astype(str)
         return ["".join(letters)]
-
-    def cells(self, bits: ArrayLike) -> NDArray[np.uint8]:
-        """Number the changes of a frame pair's pixels, (height, width), where edges are soft."""
-        mask = message_mask(bits, self.layout, self.pyramid_level)
-        return np.asarray((self.kappa * mask).round() - self.changes[0], np.uint8)
 
     def picture(self, picture: Image, steps: NDArray[np.uint8] | None = None) -> Image:
         """Prepare a picture, to which the offsets are added: with room for them, and with patches.

@@ -3,7 +3,7 @@
 Visibility is contrast over threshold, where 1 is just seen (`sender.visibility.flicker`). A picture
 has many levels, and a player may show many pictures; what counts is the most visible of a few gray
 levels, whatever the picture (`sender.visibility.viewing.PICTURE_LEVELS`). The message is random,
-and always the same. Soft edges of blocks are taken for hard ones.
+and always the same.
 """
 
 import bisect
@@ -14,11 +14,10 @@ from functools import cache
 import numpy as np
 
 from link.embed import MAX_KAPPA
-from link.errors import ParameterError
+from link.errors import ParameterError, in_range
 from link.layout import Layout
 from link.strength import even_factor, light_of_level
 from sender.visibility.flicker import contrast_over_threshold, random_message
-from sender.visibility.line_code import CODE_OF_MODULATION
 from sender.visibility.viewing import PICTURE_LEVELS, Viewing, Where
 
 PLAIN = 2.0
@@ -56,14 +55,12 @@ class Onlooker:
     """Distance of the eye from the display, in metres."""
 
     def __post_init__(self) -> None:
-        for name, low, high in (
-            ("diagonal", 0.1, 10_000),
-            ("luminance", 1, 100_000),
-            ("distance", 0.01, 10_000),
-        ):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise ParameterError(name, f"need {low:g} to {high:g}, got {value:g}")
+        in_range(
+            self,
+            diagonal=(0.1, 10_000, ""),
+            luminance=(1, 100_000, ""),
+            distance=(0.01, 10_000, ""),
+        )
 
     def viewing(self, layout: Layout, state_hz: float) -> Viewing:
         """Describe what is seen of a layout's blocks, for the module `sender.visibility.flicker`.
@@ -154,8 +151,8 @@ class Hiding:
         viewing = self.onlooker.viewing(self.layout, self.state_hz)
         factor = float(even_factor(light_of_level(level))) if self.even else 1.0
         viewing = replace(viewing, kappa=kappa * factor, picture_level=level)
-        code, rng = CODE_OF_MODULATION[self.layout.modulation], np.random.default_rng(MESSAGE_SEED)
-        shown = random_message(viewing, code, rng, SECONDS)
+        rng = np.random.default_rng(MESSAGE_SEED)
+        shown = random_message(viewing, self.layout.modulation, rng, SECONDS)
         return contrast_over_threshold(shown, viewing, where).high
 
     def largest_kappa(self, limit: float) -> int:

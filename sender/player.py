@@ -1,9 +1,9 @@
 """Write a loop as one HTML file that plays it in any browser, refresh by refresh.
 
-The page holds each picture once, and for each frame pair no more than the bits of its blocks, or
-the change of its pixels where blocks have soft edges. It computes the states itself, by the rule of
-`sender.compact`, exact to the gray level: on the graphics card, at the size at which they are
-shown, or where that is not exact by the processor, at the picture's own size.
+The page holds each picture once, and for each frame pair no more than the bits of its blocks. It
+computes the states itself, by the rule of `sender.compact`, exact to the gray level: on the
+graphics card, at the size at which they are shown, or where that is not exact by the processor, at
+the picture's own size.
 """
 
 import base64
@@ -52,8 +52,7 @@ LARGEST_MEGAPIXELS = 1e6
 MOST_BLOCK_PIXELS = 2**14 - 1
 """Largest number of pixels of a block whose light a page adds up in whole numbers of 32 bits."""
 MAX_DECODED_BYTES = 2**30
-"""Largest memory for pictures and changes as a browser holds them: 3 bytes for each pixel of a
-picture, and 1 byte for each pixel of a frame pair's soft changes."""
+"""Largest memory for pictures as a browser holds them: 3 bytes for each pixel."""
 
 
 def with_bar(items: Iterator[T], count: int, unit: str) -> Iterator[T]:
@@ -102,18 +101,15 @@ def player_page(loop: Loop, state_hz: float, flickers: Mapping[float, str]) -> d
         InputError: more pixels than a browser can be asked to hold.
     """
     layout = loop.shown_layout
-    rule = Compact(layout, loop.kappa, loop.pyramid_level)
+    rule = Compact(layout, loop.kappa)
     bits: list[str] = []
     pictures: list[str] = []
     steps: list[str | None] = []
-    changes: list[str] = []
     shown: list[int] = []
     numbers: dict[bytes, int] = {}
     last = None
     for carrier in with_bar(loop.carriers(), len(loop.bits), "pair"):
         bits.append((ord("0") + carrier.bits).tobytes().decode())
-        if rule.soft:
-            changes.append(packed(rule.cells(carrier.bits)))
         if carrier.picture is not last:
             last = carrier.picture
             picture = rule.picture(last, carrier.steps)
@@ -123,13 +119,12 @@ def player_page(loop: Loop, state_hz: float, flickers: Mapping[float, str]) -> d
                 pictures.append(packed(picture[:, :, 0] if gray else picture))
                 steps.append(None if carrier.steps is None else packed(carrier.steps))
         shown.append(number)
-        pixels = layout.width * layout.height
-        if (3 * len(pictures) + len(changes)) * pixels > MAX_DECODED_BYTES:
+        if 3 * len(pictures) * layout.width * layout.height > MAX_DECODED_BYTES:
             raise InputError(
                 f"the player has more than {MAX_DECODED_BYTES >> 20} MiB of pixels; "
                 "write a video, or use fewer pictures or a smaller size"
             )
-    more = {"bits": bits, "pictures": pictures, "steps": steps, "shown": shown, "changes": changes}
+    more = {"bits": bits, "pictures": pictures, "steps": steps, "shown": shown}
     return _page(loop, rule, state_hz, flickers, more)
 
 
@@ -149,13 +144,11 @@ def write_film_player(
         flickers: as `write_player` takes them.
 
     Raises:
-        InputError: the film or what it would take is too large, blocks have soft edges, or a file
-            beside the page is there already or is not writable.
+        InputError: the film or what it would take is too large, or a file beside the page is there
+            already or is not writable.
     """
     layout = loop.shown_layout
     rule = Compact(layout, loop.kappa)
-    if loop.pyramid_level:
-        raise ParameterError("pyramid_level", "a film's player has hard edges; write a video")
     width, height = loop.placement.given_size
     left, top, wide, tall = window_of(width, height, loop.placement)
     if loop.even and wide * tall > MOST_BLOCK_PIXELS * layout.rows * layout.cols:
@@ -179,7 +172,7 @@ def write_film_player(
     else:
         page["parts"] = _write_parts(path, film)
     bits = [(ord("0") + each.bits).tobytes().decode() for each in loop.carriers()]
-    more = {"bits": bits, "pictures": [], "steps": [None], "shown": [0] * len(bits), "changes": []}
+    more = {"bits": bits, "pictures": [], "steps": [None], "shown": [0] * len(bits)}
     _write_page(path, _page(loop, rule, state_hz, flickers or {}, {**more, "film": page}))
 
 

@@ -49,12 +49,12 @@ SOUND = (
     "evaluate --pairs canon-lg --views 45 --kappas 3 --frames 1 --methods naive --seed 0 --jobs 1 "
     "--no-html --ratex 5 --set drift=0.1 --without noise --out {out}",
     "data_gen.__main__ --frames 1 --pair canon-lg --view 0 --kappa 3 --seed 0 --rows 8 --cols 8 "
-    "--width 512 --height 384 --ratex 5 --set drift=0.1 --pyramid-level 0 --out {out}",
+    "--width 512 --height 384 --ratex 5 --set drift=0.1 --out {out}",
     "data_gen.video --message hi --seconds 0.1 --size 160 120 --fps 30 --state-hz 15 --hand 1 "
     "--start-s 0 --shown 1 --first 0 --coverage 0.4 --drop 0 --turn 0 --seed 0 --jumps-hz 0 "
     "--free 0 --out {out}",
     "sender.__main__ {good}/a.png --message hi --kappa 3 --hold 4 --refresh 60 --rows 8 "
-    "--cols 8 --width 512 --height 384 --ratex 5 --scale 0 --pyramid-level 0 --out {out}",
+    "--cols 8 --width 512 --height 384 --ratex 5 --scale 0 --out {out}",
     "receiver.__main__ {good}/a.png {good}/b.png --threads 2 --fps 30 --out {out}",
     "receiver.__main__ {good}/film.avi --threads 2 --fps 30 --show {out}",
     "receiver.locate.__main__ {good}/a.png --show {out} --max-megapixels 5",

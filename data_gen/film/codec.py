@@ -1,7 +1,7 @@
 """Video codecs of phones: frames are compressed, and come back as a receiver decodes them.
 
-`CodecChannel` and `through_codec` do both in memory, so that one film can be passed through several
-codecs. `write_film` writes the same compressed frames to a file with the times at which they were
+`through_codec` does both in memory, so that one film can be passed through several codecs.
+`write_film` writes the same compressed frames to a file with the times at which they were
 taken: a lost frame leaves a gap, and a jittering sensor a variable frame rate. Both need PyAV
 (``pip install -e '.[codec]'``), which brings FFmpeg with x264 and x265.
 
@@ -31,8 +31,8 @@ except ModuleNotFoundError:
 
 ENCODERS = {"h264": "libx264", "hevc": "libx265"}
 """Encoder in FFmpeg by the name of a codec."""
-PROFILES = {"h264": ("high", "main", "baseline"), "hevc": ("main",)}
-"""Profiles by the name of a codec; the first one is used where none is named."""
+PROFILES = {"h264": "high", "hevc": "main"}
+"""Profile, in which phones encode, by the name of a codec."""
 EFFORTS = (
     "ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow",
 )  # fmt: skip
@@ -63,8 +63,6 @@ class CodecSettings:
     """Codec: "h264", "hevc", or "none" to store every level as it is."""
     kbits: float = 8000.0
     """Mean rate that the encoder aims at, in thousands of bits a second."""
-    profile: str | None = None
-    """Profile: "high", "main" or "baseline" for h264, "main" for hevc; None for the first."""
     gop_s: float = 1.0
     """Time from one key frame to the next, seconds."""
     b_frames: int = 0
@@ -100,99 +98,20 @@ class CodecSettings:
                 raise _wrong(name, f"need {low:g} to {high:g}{unit}, got {value:g}")
         if self.preset not in EFFORTS:
             raise _wrong("preset", f"need one of {', '.join(EFFORTS)}, got {self.preset!r:.40}")
-        if self.profile is not None:
-            profiles = PROFILES.get(self.name, ())
-            if self.profile not in profiles:
-                choices = f"{', '.join(profiles)} for {self.name}" if profiles else "a codec's name"
-                raise _wrong("profile", f"need {choices}, got {self.profile!r:.40}")
-            if self.profile == "baseline" and self.b_frames:
-                raise _wrong("b_frames", f"need 0 in profile baseline, got {self.b_frames}")
         if self.on and av is None:
             raise InputError(f"codec {self.name}: PyAV is missing; pip install -e '.[codec]'")
-
-    def encoder(self) -> str:
-        """Return the encoder's name in FFmpeg, after a check of the settings.
-
-        Raises:
-            InputError: the codec is "none", or what `check` raises.
-        """
-        self.check()
-        return choose(ENCODERS, self.name, "codec")
 
 
 def _wrong(name: str, problem: str) -> ParameterError:
     return ParameterError(f"codec.{name}", problem)
 
 
-class CodecChannel:
-    """Passes the frames of one film through encoder and decoder.
-
-    Args:
-        settings: a codec that is on.
-        fps: nominal number of frames a second, which the encoder's rate refers to.
-
-    Raises:
-        InputError: a setting is out of its range, or PyAV is not installed.
-    """
-
-    def __init__(self, settings: CodecSettings, fps: float) -> None:
-        self._settings, self._fps = settings, fps
-        self._encoder = _context(settings.encoder(), "w")
-        self._decoder = _context(settings.name, "r")
-        self._decoder.thread_count = 1
-        self._waiting: dict[int, VideoFrame] = {}
-        self._bytes = self._packets = 0
-        self._start_s = 0.0
-
-    @property
-    def kbits(self) -> float:
-        """Mean rate of the compressed frames so far, in thousands of bits a second."""
-        return self._bytes * 8 / 1000 * self._fps / max(1, self._packets)
-
-    def push(self, frame: VideoFrame) -> list[VideoFrame]:
-        """Compress a frame, and return those that are decoded by now, in order of time.
-
-        A codec holds frames back, to look ahead and to predict from later ones. A frame comes back
-        with the truth with which it went in; its ``rgb`` is what a receiver sees.
-
-        Args:
-            frame: the next frame; all are of one size, even in width and height, and ``time_s``
-                rises from frame to frame.
-
-        Raises:
-            InputError: odd width or height.
-        """
-        if not self._encoder.width:
-            _open(self._encoder, self._settings, self._fps, frame)
-            self._decoder.extradata = self._encoder.extradata
-            self._start_s = frame.time_s
-        coded = _coded_frame(frame, self._settings, self._start_s)
-        self._waiting[_ticks_of(coded)] = replace(frame, rgb=NO_PIXELS)
-        return self._decode(self._encoder.encode(coded))
-
-    def finish(self) -> list[VideoFrame]:
-        """Return the frames that the codec still holds, when the film has ended."""
-        if not self._encoder.width:
-            return []
-        last = self._decode(self._encoder.encode(None))
-        return last + self._decoded(self._decoder.decode(None))
-
-    def _decode(self, packets: "list[av.Packet[av.VideoStream]]") -> list[VideoFrame]:
-        self._bytes += sum(packet.size for packet in packets)
-        self._packets += len(packets)
-        return [
-            frame for packet in packets for frame in self._decoded(self._decoder.decode(packet))
-        ]
-
-    def _decoded(self, coded: "list[av.VideoFrame]") -> list[VideoFrame]:
-        """Give decoded frames the truth of those that went in at the same time."""
-        return [replace(self._waiting.pop(_ticks_of(one)), rgb=_as_rgb(one)) for one in coded]
-
-
 def through_codec(
     frames: Iterable[VideoFrame], settings: CodecSettings, fps: float
 ) -> Iterator[VideoFrame]:
     """Pass a film through a codec: the same frames and times, with what a receiver sees of them.
+
+    A codec holds frames back, to look ahead and to predict from later ones.
 
     >>> rgb = np.full((64, 96, 3), 90, np.uint8)
     >>> film = [VideoFrame(rgb, k, k / 30, 0.0, np.eye(3), {}, True, False) for k in (0, 1, 3)]
@@ -201,7 +120,8 @@ def through_codec(
     ([0, 1, 3], True)
 
     Args:
-        frames: frames of one film, as `data_gen.film.stream.film` gives them.
+        frames: frames of one film, as `data_gen.film.stream.film` gives them: all of one size, even
+            in width and height, with times that rise.
         settings: the codec; "none" passes the frames on as they are.
         fps: nominal number of frames a second.
 
@@ -212,10 +132,26 @@ def through_codec(
     if not settings.on:
         yield from frames
         return
-    channel = CodecChannel(settings, fps)
+    encoder, decoder = _context(ENCODERS[settings.name], "w"), _context(settings.name, "r")
+    decoder.thread_count = 1
+    waiting: dict[int, VideoFrame] = {}
+    start_s = 0.0
+
+    def decoded(packets: "Iterable[av.Packet[av.VideoStream] | None]") -> Iterator[VideoFrame]:
+        """Give decoded frames the truth of those that went in at the same time."""
+        for packet in packets:
+            for one in decoder.decode(packet):
+                yield replace(waiting.pop(_ticks_of(one)), rgb=_as_rgb(one))
+
     for frame in frames:
-        yield from channel.push(frame)
-    yield from channel.finish()
+        if not encoder.width:
+            _open(encoder, settings, fps, frame)
+            decoder.extradata, start_s = encoder.extradata, frame.time_s
+        coded = _coded_frame(frame, settings, start_s)
+        waiting[_ticks_of(coded)] = replace(frame, rgb=NO_PIXELS)
+        yield from decoded(encoder.encode(coded))
+    if encoder.width:
+        yield from decoded([*encoder.encode(None), None])
 
 
 def write_film(
@@ -236,7 +172,8 @@ def write_film(
         InputError: a setting is out of its range, PyAV is not installed, odd width or height, or a
             full disk.
     """
-    encoder = settings.encoder()
+    settings.check()
+    encoder = choose(ENCODERS, settings.name, "codec")
     with (
         replaced(path, path.suffix) as temporary,
         # an absolute name, because FFmpeg takes what stands before a colon for a protocol
@@ -281,8 +218,7 @@ def _open(
     context.thread_count = 1
     # as in files: headers stand apart, and do not count towards the rate
     context.flags |= av.codec.context.Flags.global_header
-    options = {"preset": settings.preset}
-    options["profile"] = settings.profile or PROFILES[settings.name][0]
+    options = {"preset": settings.preset, "profile": PROFILES[settings.name]}
     if settings.name == "hevc":
         options["x265-params"] = "log-level=none:pools=none:frame-threads=1:scenecut=0"
     else:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from data_gen.film.codec import CodecSettings
 from data_gen.film.frame import VideoFrame
-from data_gen.film.phone import PhoneSettings
 from data_gen.film.scenes import SceneSettings
 from data_gen.film.stream import States, VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
@@ -52,22 +51,10 @@ class FilmSettings:
     """Number of loops of the message after which a run is given up."""
     coverage: tuple[float, float] = (0.15, 0.6)
     """Least and largest share of the image that the display covers; drawn between them."""
-    outside: float = 0.0
-    """Largest share of the picture's width by which a corner lies outside the image."""
     size: tuple[int, int] = SceneSettings.size
     """Width and height of a camera frame, pixels."""
     shutter: float | None = VideoSettings.shutter
     """Exposure time of each frame, seconds; None for the camera's own."""
-    hand: float = VideoSettings.hand
-    """Motion of the hand relative to the usual."""
-    drop: float = VideoSettings.drop
-    """Probability that a camera frame is lost."""
-    without: tuple[str, ...] = ()
-    """Effects of the channel that are switched off (data_gen/effects.py)."""
-    jitter_s: float = VideoSettings.jitter_s
-    """Standard deviation, in seconds, of how early or late the sensor takes a frame."""
-    phone: PhoneSettings = field(default_factory=PhoneSettings)
-    """What a phone does to the frames before it stores them."""
     codec: CodecSettings = field(default_factory=CodecSettings)
     """Codec through which the frames pass."""
 
@@ -75,20 +62,6 @@ class FilmSettings:
     def layout(self) -> Layout:
         """Layout that the display shows."""
         return choose(PRESETS, self.preset, "preset").layout
-
-    def video(self, scene: SceneSettings, seconds: float | None = None) -> VideoSettings:
-        """Return the settings of a film of a scene."""
-        return VideoSettings(
-            scene=scene,
-            fps=self.fps,
-            state_hz=self.state_hz,
-            seconds=seconds,
-            shutter=self.shutter,
-            hand=self.hand,
-            drop=self.drop,
-            jitter_s=self.jitter_s,
-            phone=self.phone,
-        )
 
 
 @dataclass(frozen=True)
@@ -138,7 +111,7 @@ def film_message(take: Take) -> MessageFilm:
     setting = f"{config.kappa} {grid} {config.state_hz} {config.fps}"
     key = f"{take.pair} {take.view} {take.run} {setting}"
     rng = np.random.default_rng([take.seed, zlib.crc32(key.encode())])
-    source = Source(layout, take.split, take.seed, without=config.without)
+    source = Source(layout, take.split, take.seed)
     pictures = shuffled_pictures(source)
     picture = pictures[int(rng.integers(len(pictures)))]
     message = rng.bytes(config.n_bytes)
@@ -152,9 +125,13 @@ def film_message(take: Take) -> MessageFilm:
         even=PRESETS[config.preset].even,
     )
     coverage = float(rng.uniform(*config.coverage))
-    outside = float(rng.uniform(0, config.outside)) if config.outside else 0.0
-    scene = SceneSettings(config.size, coverage, pictures=pictures, free=0.03, outside=outside)
-    settings = config.video(scene, config.loops * 2 * len(bits) / config.state_hz)
+    settings = VideoSettings(
+        SceneSettings(config.size, coverage, pictures=pictures, free=0.03),
+        config.fps,
+        config.state_hz,
+        seconds=config.loops * 2 * len(bits) / config.state_hz,
+        shutter=config.shutter,
+    )
     pair, shown_layout = source.pair(take.pair), source.display_layout
     states: States = LoopStates(loop)
     name = picture.name

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from data_gen.channel.camera import unsharp_mask
 from data_gen.channel.display import Light
 from data_gen.film.frame import VideoFrame, lies_within
-from link.errors import ParameterError
+from link.errors import in_range
 from link.geometry import Lens, frame_corners, homography_from_corners, transform
 
 TONE_TILES = (8, 8)
@@ -66,17 +66,15 @@ class PhoneSettings:
 
     def check(self) -> None:
         """Raise a `ParameterError` that names the first setting that is out of its range."""
-        for name, low, high, unit in (
-            ("noise_reduction", 0, 0.95, ""),
-            ("local_tone", 0, 100, ""),
-            ("stabilise_s", 0, 10, " seconds"),
-            ("stabilise_px", 0, 10, " pixels"),
-            ("sharpen", 0, 5, ""),
-            ("distortion", -0.12, 0.12, ""),
-        ):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise ParameterError(name, f"need {low:g} to {high:g}{unit}, got {value:g}")
+        in_range(
+            self,
+            noise_reduction=(0, 0.95, ""),
+            local_tone=(0, 100, ""),
+            stabilise_s=(0, 10, " seconds"),
+            stabilise_px=(0, 10, " pixels"),
+            sharpen=(0, 5, ""),
+            distortion=(-0.12, 0.12, ""),
+        )
 
 
 class PhoneProcessor:

@@ -27,7 +27,7 @@ from data_gen.channel.optics import (
 from data_gen.film.rooms import DESK_Y, HAZE_ROOM, ROOMS, RoomCanvas, RoomPainter
 from data_gen.parameters import Pair
 from data_gen.pictures.library import Picture
-from link.errors import InputError, ParameterError, at_least, choose
+from link.errors import InputError, ParameterError, at_least, choose, in_range
 from link.geometry import frame_corners, transform
 from link.images import pixel_limit
 from link.layout import Layout
@@ -88,18 +88,13 @@ class SceneSettings:
                 f"{self.size[0]}x{self.size[1]} and its margin have more than "
                 f"{pixel_limit() / 1e6:g} megapixels; film fewer",
             )
-        if self.coverage is not None and not COVERAGE[0] <= self.coverage <= COVERAGE[1]:
-            raise ParameterError(
-                "coverage", f"need a share from 0.05 to 0.9, got {self.coverage:g}"
-            )
-        if self.turn is not None and not abs(self.turn) <= 360:
-            raise ParameterError("turn", f"need degrees within ±360, got {self.turn:g}")
-        if not 0 <= self.free <= 0.2:
-            raise ParameterError("free", f"need a share from 0 to 0.2, got {self.free:g}")
-        if not 0 <= self.outside <= MAX_CORNER_OUTSIDE:
-            raise ParameterError(
-                "outside", f"need a share from 0 to {MAX_CORNER_OUTSIDE:g}, got {self.outside:g}"
-            )
+        in_range(
+            self,
+            coverage=(*COVERAGE, " of the image"),
+            turn=(-360, 360, " degrees"),
+            free=(0, 0.2, " of the image"),
+            outside=(0, MAX_CORNER_OUTSIDE, " of the picture's width"),
+        )
         if self.room is not None:
             choose(ROOMS, self.room, "room")
         at_least(0, margin_px=self.margin_px)

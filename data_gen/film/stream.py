@@ -23,7 +23,7 @@ from data_gen.film.phone import PhoneProcessor, PhoneSettings, blur_by_motion
 from data_gen.film.scenes import Scene, SceneSettings, draw_scene
 from data_gen.film.shake import ExposureDrift, Hand, Wander
 from data_gen.parameters import Pair
-from link.errors import ParameterError
+from link.errors import ParameterError, in_range
 from link.geometry import frame_corners, transform
 from link.layout import Layout
 
@@ -95,20 +95,18 @@ class VideoSettings:
 
     def check(self) -> None:
         """Raise a `ParameterError` that names the first setting that is out of its range."""
-        for name, low, high, unit in (
-            ("fps", 0.1, 1000, " a second"),
-            ("state_hz", 0.1, 1000, " a second"),
-            ("jumps_hz", 0, 1000, " a second"),
-            ("clock_error", -0.1, 0.1, ""),
-            ("start_s", -1e6, 1e6, " seconds"),
-            ("shutter", 1e-5, 1, " seconds"),
-            ("exposure_drift", 0, 1, ""),
-            ("hand", 0, 100, ""),
-            ("jitter_s", 0, 1, " seconds"),
-        ):
-            value = getattr(self, name)
-            if value is not None and not low <= value <= high:
-                raise ParameterError(name, f"need {low:g} to {high:g}{unit}, got {value:g}")
+        in_range(
+            self,
+            fps=(0.1, 1000, " a second"),
+            state_hz=(0.1, 1000, " a second"),
+            jumps_hz=(0, 1000, " a second"),
+            clock_error=(-0.1, 0.1, ""),
+            start_s=(-1e6, 1e6, " seconds"),
+            shutter=(1e-5, 1, " seconds"),
+            exposure_drift=(0, 1, ""),
+            hand=(0, 100, ""),
+            jitter_s=(0, 1, " seconds"),
+        )
         for name, share in (("drop", self.drop), ("duplicate", self.duplicate)):
             if not 0 <= share < 1:
                 raise ParameterError(name, f"need a probability in [0, 1), got {share:g}")

@@ -89,7 +89,5 @@ class VideoCarrier:
         return self._frames[int(at)]
 
 
-@lru_cache(maxsize=2)
-def video_carrier(path: Path, width: int, height: int) -> VideoCarrier:
-    """Open a video file once for each size, in pixels."""
-    return VideoCarrier(path, width, height)
+video_carrier = lru_cache(maxsize=2)(VideoCarrier)
+"""Opens a video file once for each size: its path, and width and height in pixels."""

@@ -275,15 +275,13 @@ def next_frame(capture: cv2.VideoCapture) -> NDArray[np.uint8] | None:
     return np.asarray(cv2.cvtColor(image, code), np.uint8)
 
 
-def read_video(
-    path: Path | str, max_megapixels: float | None = None
-) -> Iterator[NDArray[np.uint8]]:
+def read_video(path: Path | str) -> Iterator[NDArray[np.uint8]]:
     """Give the frames of a whole video, one at a time, (H, W, 3) uint8, encoded RGB.
 
     Raises:
         InputError: no readable video, no frame in it, or it ends before the time it states.
     """
-    reader = VideoReader(path, max_megapixels)
+    reader = VideoReader(path)
     yield from reader.frames()
     if reader.broken_off is not None:
         raise InputError(reader.broken_off)

@@ -16,8 +16,8 @@ TONES = 12
 """Number of tones into which a frame is cut, with equally many pixels in each; fewer would do to
 show the bend of a CDTF."""
 RAMP = 0.25
-"""Share of a block's width, at each side, over which pixels count less: corners are a bit off, a
-message at a coarse pyramid level fades there, and light of the neighbours spills over."""
+"""Share of a block's width, at each side, over which pixels count less: corners are a bit off,
+and light of the neighbours spills over."""
 TEXTURE = 0.02
 """Gradient, in intensity per pixel, at which a pixel counts half: a tenth of a pixel of motion
 then changes it by half a gray level."""

@@ -88,10 +88,6 @@ class ReferenceBlocks:
     """(n, B) columns of what changes in each frame whatever the bits, scaled by their priors."""
     variance: Tensor
     """(1, B) typical variance of a block's mean, relative to that of the others."""
-    x: Tensor
-    """(1, B) place of each block's centre, from -1 to 1 over the display."""
-    y: Tensor
-    """(1, B) the same from top to bottom."""
 
 
 @dataclass(frozen=True)
@@ -284,8 +280,6 @@ class FilmDecoder(nn.Module):
             self._signal(means[:5], x, y, mask),
             self._nuisances(means[:5], means[5:8], x, y),
             self._variance(means[1:3], means[8:]),
-            x,
-            y,
         ), changes.flatten(1)
 
     def to_config(self) -> dict[str, object]:

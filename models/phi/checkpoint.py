@@ -128,19 +128,18 @@ def load_checkpoint(folder: Path, layout: Layout | None = None) -> PhiDecoder:
     return module
 
 
-def read_config(folder: Path, command: str = "python train.py --pair NAME") -> dict[str, Any]:
+def read_config(folder: Path) -> dict[str, Any]:
     """Read a checkpoint's config.json.
 
     Args:
         folder: folder with decoder.pt and config.json.
-        command: command that writes such a checkpoint, for the error message.
 
     Raises:
         InputError: a file is missing, or config.json is damaged.
     """
     for file in (folder / "config.json", folder / "decoder.pt"):
         if not is_file(file):
-            raise InputError(f"{file}: not found; train first: {command}")
+            raise InputError(f"{file}: not found; train first: python train.py --pair NAME")
     file = folder / "config.json"
     try:
         config = read_json(file)

@@ -23,16 +23,12 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from link.errors import ParameterError
 from link.types import Array
 
 POOLING_EXPONENT = 3.80022
 """Exponent by which the response is summed over the visual field (the paper's beta)."""
 THRESHOLD_ENERGY = 6.52801
 """Value of the integral over the visual field, in square degrees, at which flicker is detected."""
-LEAST_LUMINANCE = 0.1
-"""Smallest mean luminance, in cd/m², for which a sensitivity is given; the model has no data below
-and a pole at 0.001 cd/m²."""
 NODES = 20
 """Number of nodes of the Gauss-Legendre rule along each of its two axes."""
 _NODE, _WEIGHT = (part / 2 for part in np.polynomial.legendre.leggauss(NODES))
@@ -45,21 +41,13 @@ def spot_sensitivity(
 
     Args:
         eccentricity_deg: angles from the line of sight, degrees, at least 0.
-        luminance_cd_m2: mean luminance, cd/m², at least `LEAST_LUMINANCE`.
+        luminance_cd_m2: mean luminance, cd/m², at least 0.1: the model has no data below, and a
+            pole at 0.001 cd/m².
         frequency_hz: temporal frequencies, Hz, of a shape that broadcasts with the angles.
 
     Returns:
         the factor S of the module's formula, in the broadcast shape.
-
-    Raises:
-        ParameterError: the luminance is too small.
     """
-    if not luminance_cd_m2 >= LEAST_LUMINANCE:
-        raise ParameterError(
-            "luminance_cd_m2",
-            f"need at least {LEAST_LUMINANCE} cd/m², got {luminance_cd_m2:.3g}; "
-            "take a brighter picture, display or black",
-        )
     eccentricity = np.asarray(eccentricity_deg, np.float64)
     shifted = (np.asarray(frequency_hz, np.float64) + 2) / (1 + 0.0341811 * eccentricity) - 2
     phase = 2j * np.pi * 0.00292069 * shifted / (0.6678 + 0.222269 * np.log10(luminance_cd_m2))
@@ -116,7 +104,7 @@ def flicker_sensitivity(
 
     Args:
         frequency_hz: (F,) temporal frequencies or one of them, Hz, above 0.
-        luminance_cd_m2: mean luminance, cd/m², at least `LEAST_LUMINANCE`.
+        luminance_cd_m2: mean luminance, cd/m², at least 0.1.
         width_deg: width of the rectangle as seen, degrees, above 0.
         height_deg: height of the rectangle as seen, degrees, above 0.
         eccentricity_deg: angle between the line of sight and the rectangle's centre, which lies to
@@ -126,15 +114,9 @@ def flicker_sensitivity(
         (F,) sensitivities; a sine of contrast c is at threshold where c times this is 1. The
         result is kept for the next call, and cannot be written to.
 
-    Raises:
-        ParameterError: the luminance is too small, or the rectangle has no area.
-
     >>> flicker_sensitivity([15, 60], 100, 6, 3.5).round(3)  # the authors' code: 247.655, 3.06588
     array([247.655,   3.066])
     """
-    for name, value in (("width_deg", width_deg), ("height_deg", height_deg)):
-        if not value > 0:
-            raise ParameterError(name, f"need an angle above 0, got {value}")
     frequencies = tuple(np.atleast_1d(np.asarray(frequency_hz, np.float64)).tolist())
     return _pooled(
         float(width_deg),

@@ -29,10 +29,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from link.embed import BEFORE
 from link.errors import InputError
+from link.layout import MODULATIONS
 from link.types import Array
 from sender.visibility.elatcsf import flicker_sensitivity
-from sender.visibility.line_code import shown_amplitudes
 from sender.visibility.viewing import Viewing, Where
 
 WINDOW_S = 0.5
@@ -90,33 +91,32 @@ def flicker_spectrum(
 
 
 def contrast_over_threshold(
-    amplitudes: ArrayLike, viewing: Viewing, where: Where = "block", window_s: float = WINDOW_S
+    amplitudes: ArrayLike, viewing: Viewing, where: Where = "block"
 ) -> Visibility:
     """Work out how visible a sequence is that one block, or the whole screen, shows.
 
     Args:
-        amplitudes: (T,) amplitudes at each refresh in units of kappa, as a line code makes them.
+        amplitudes: (T,) what is added to the picture at each refresh, in units of kappa; what is
+            left over beyond the last whole window is not used.
         viewing: display, picture, kappa and viewer.
         where: "block" for one block alone, looked at from `Viewing.gazes_deg`, of which the most
             visible counts; "screen" for all blocks in phase, looked at in the middle.
-        window_s: length of the windows, in seconds; what is left over at the end is not used.
 
     Returns:
         one number for each window.
 
     Raises:
         InputError: the sequence is shorter than one window.
-        ParameterError: the picture is too dark for the model.
 
     >>> toggling = np.tile([-0.5, 0.5], 30)
     >>> round(contrast_over_threshold(toggling, Viewing(rows=48, cols=64)).mean, 2)
     0.71
     """
-    n = round(window_s * viewing.refresh_hz)
+    n = round(WINDOW_S * viewing.refresh_hz)
     levels = viewing.gray_levels(amplitudes)
     if n < 2 or len(levels) < n:
         raise InputError(
-            f"a sequence of {len(levels)} refreshes is shorter than one window of {window_s:g} s"
+            f"a sequence of {len(levels)} refreshes is shorter than one window of {WINDOW_S:g} s"
         )
     luminance = viewing.light(levels[: len(levels) // n * n])
     mean = float(luminance.mean())
@@ -134,19 +134,25 @@ def contrast_over_threshold(
 
 
 def random_message(
-    viewing: Viewing, line_code: str, rng: np.random.Generator, seconds: float
+    viewing: Viewing, modulation: str, rng: np.random.Generator, seconds: float
 ) -> Array:
     """Draw what a block shows of a random message.
 
     Args:
         viewing: gives the rates of states and refreshes.
-        line_code: key of `sender.visibility.line_code.LINE_CODES`.
+        modulation: a key of `link.layout.MODULATIONS`; blocks change around the picture as
+            `link.embed.embed` makes them.
         rng: draws the bits.
         seconds: length of the message, in seconds.
 
     Returns:
-        (refreshes in ``seconds``,) amplitudes in units of kappa.
+        (refreshes in ``seconds``,) what is added to the picture, in units of kappa.
+
+    >>> random_message(Viewing(), "antipodal", np.random.default_rng(0), seconds=0.1)
+    array([-0.5,  0.5, -0.5,  0.5, -0.5,  0.5])
     """
     wanted = round(seconds * viewing.refresh_hz)
     bits = rng.integers(0, 2, wanted // (2 * viewing.refreshes) + 2)
-    return shown_amplitudes(line_code, bits, viewing.refreshes)[:wanted]
+    changes, before = np.array(MODULATIONS[modulation])[bits], BEFORE[modulation]
+    states = np.column_stack([-before * changes, (1 - before) * changes])
+    return np.repeat(states.ravel(), viewing.refreshes)[:wanted]

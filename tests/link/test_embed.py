@@ -21,7 +21,6 @@ from link.embed import (
     check_kappa,
     embed,
     levels_of_steps,
-    message_mask,
     split_change,
     with_head_room,
 )
@@ -37,7 +36,7 @@ from link.layout import (
 from link.strength import block_steps
 from link.types import Array, Image
 
-SMALL = make_layout(4, 4, 160, 128, ratex=2)  # blocks of 40x32 pixels: the least for level 3
+SMALL = make_layout(4, 4, 160, 128, ratex=2)  # blocks of 40x32 pixels
 
 
 def noise(layout: Layout, *channels: int, seed: int = 0) -> Image:
@@ -64,12 +63,9 @@ def read_difference(displayed: Displayed) -> NDArray[np.intp]:
     return (blocks > displayed.kappa / 2).astype(np.intp)
 
 
-@pytest.mark.parametrize("level", range(4))
 @given(bits=arrays(np.intp, SMALL.n_bits, elements=st.integers(0, 1)), kappa=st.integers(1, 64))
-def test_bits_come_back_from_a_noise_free_pair(
-    level: int, bits: NDArray[np.intp], kappa: int
-) -> None:
-    displayed = embed(noise(SMALL, 3), bits, SMALL, kappa, level)
+def test_bits_come_back_from_a_noise_free_pair(bits: NDArray[np.intp], kappa: int) -> None:
+    displayed = embed(noise(SMALL, 3), bits, SMALL, kappa)
     np.testing.assert_array_equal(read_difference(displayed), bits)
     np.testing.assert_array_equal(displayed.bits, bits)
 
@@ -104,7 +100,6 @@ def test_ratex_patches_reach_from_black_to_white_at_their_own_kappa(layout: Layo
 # Antipodal blocks and pilots
 
 PILOTS = make_layout(8, 8, 157, 131, modulation="antipodal", pilots=16)
-SOFT = make_layout(4, 4, 160, 128, modulation="antipodal", pilots=5)
 channels_both = pytest.mark.parametrize("channels", [(), (3,)], ids=["gray", "colour"])
 
 
@@ -188,39 +183,6 @@ def test_the_mean_of_two_pairs_is_the_picture_in_every_pixel(
     np.testing.assert_array_equal(total, 8 * shown)
 
 
-@channels_both
-@pytest.mark.parametrize("level", range(4))
-@pytest.mark.parametrize("kappa", [1, 5, 10, 63, 64])
-@pytest.mark.parametrize("bit", [0, 1])
-def test_antipodal_frames_stay_within_the_displays_range(
-    bit: int, kappa: int, level: int, channels: tuple[int, ...]
-) -> None:
-    picture = noise(SOFT, *channels)
-    assert (picture.min(), picture.max()) == (0, 255)
-    displayed = embed(picture, np.full(SOFT.n_bits, bit), SOFT, kappa, level)
-    change = planes(displayed.embedded) - planes(displayed.original)  # less where levels overflow
-    assert np.abs(change - (kappa * message_mask(displayed.bits, SOFT, level)).round()).max() == 0
-
-
-@pytest.mark.parametrize("level", [1, 2, 3])
-@pytest.mark.parametrize("kappa", [2, 9, 40])
-def test_pyramid_levels_soften_antipodal_blocks(level: int, kappa: int) -> None:
-    bits = random_bits(SOFT)
-    hard, soft = message_mask(bits, SOFT), message_mask(bits, SOFT, level)
-    assert set(np.unique(hard).tolist()) == {-1, 1}
-    assert (soft.min(), soft.max()) >= (-1, 0)
-    assert soft.max() <= 1
-    assert np.abs(np.diff(soft)).max() < (1.1, 0.6, 0.4)[level - 1]  # 2 between hard blocks
-    on_off = message_mask(bits, replace(SOFT, modulation="on_off"), level)
-    np.testing.assert_allclose(soft, 2 * on_off - 1, rtol=0, atol=FLOAT32)
-    displayed = embed(noise(SOFT), bits, SOFT, kappa, level)
-    change = displayed.embedded.astype(int) - displayed.original
-    np.testing.assert_array_equal(change, (kappa * soft).round())
-    signs = block_mean(change.astype(np.float64), SOFT.rows, SOFT.cols) > 0
-    np.testing.assert_array_equal(signs[SOFT.message_mask], bits)
-    np.testing.assert_array_equal(signs.ravel()[SOFT.pilot_blocks], SOFT.pilot_bits)
-
-
 def test_pilots_of_on_off_blocks_change_as_bits_do() -> None:
     layout = replace(PILOTS, modulation="on_off")
     bits = random_bits(layout)
@@ -230,15 +192,14 @@ def test_pilots_of_on_off_blocks_change_as_bits_do() -> None:
 
 
 @channels_both
-@pytest.mark.parametrize("level", [0, 2])
 @pytest.mark.parametrize("kappa", [1, 5, 64])
 def test_on_off_frames_are_those_of_the_papers_formula(
-    kappa: int, level: int, channels: tuple[int, ...]
+    kappa: int, channels: tuple[int, ...]
 ) -> None:
     picture, bits = noise(SMALL, *channels), random_bits(SMALL)
-    displayed = embed(picture, bits, SMALL, kappa, level)
+    displayed = embed(picture, bits, SMALL, kappa)
     levels = np.linspace(BOTTOM, TOP - kappa, 256).round().astype(np.uint8)
-    added = (kappa * message_mask(bits, SMALL, level)).round().astype(np.uint8)
+    added = (kappa * blocks_of(SMALL, bits)).astype(np.uint8)
     inside = message_pixels(SMALL)
     original = levels[picture]
     embedded = original + (added[:, :, None] if channels else added)
@@ -279,43 +240,6 @@ def test_the_picture_passed_in_is_not_changed(layout: Layout) -> None:
     before = picture.copy()
     embed(picture, random_bits(layout), layout, 5)
     np.testing.assert_array_equal(picture, before)
-
-
-def pyramid(picture: Array, levels: int) -> list[Array]:
-    """Laplacian pyramid: ``levels`` bands, then the coarse picture that is left."""
-    bands = []
-    for _ in range(levels):
-        coarse = cv2.pyrDown(picture)
-        bands.append(picture - cv2.pyrUp(coarse, dstsize=picture.shape[::-1]))
-        picture = coarse
-    return [*bands, picture]
-
-
-def collapse(bands: list[Array]) -> Array:
-    picture = bands[-1]
-    for band in reversed(bands[:-1]):
-        picture = band + cv2.pyrUp(picture, dstsize=band.shape[::-1])
-    return picture
-
-
-@pytest.mark.parametrize("level", [1, 2, 3])
-@pytest.mark.parametrize("size", [(160, 128), (163, 149)])
-def test_pyramid_mask_is_what_a_laplacian_pyramid_gives(level: int, size: tuple[int, int]) -> None:
-    layout = make_layout(4, 4, *size, ratex=2)
-    bits, kappa = random_bits(layout), 7
-    picture = noise(layout).astype(np.float64)
-    blocks = message_mask(bits, layout).astype(np.float64)
-    for _ in range(level):
-        blocks = cv2.pyrDown(blocks, borderType=cv2.BORDER_REPLICATE)
-
-    bands = pyramid(picture, level)
-    bands[level] = bands[level] + kappa * blocks
-    gained = collapse(bands) - picture
-
-    inside = message_pixels(layout)
-    mask = message_mask(bits, layout, level)
-    np.testing.assert_allclose(mask[inside], gained[inside] / kappa, rtol=0, atol=FLOAT32)
-    assert (mask[~inside] == 0).all()
 
 
 @pytest.mark.parametrize("channels", [(), (3,)], ids=["gray", "colour"])
@@ -377,9 +301,3 @@ def test_bits_must_fit_the_layout(bits: Array, layout: Layout) -> None:
 def test_the_picture_must_have_the_layouts_size(layout: Layout) -> None:
     with pytest.raises(InputError, match="picture is 384x512, the layout needs 512x384"):
         embed(noise(layout).T, random_bits(layout), layout, 3)
-
-
-@pytest.mark.parametrize("level", [-1, 4, 100])
-def test_a_level_too_coarse_for_the_blocks_is_refused(level: int) -> None:
-    with pytest.raises(InputError, match=f"^pyramid_level: {level} does not fit blocks of 32"):
-        message_mask(random_bits(SMALL), SMALL, level)

@@ -63,7 +63,7 @@ def test_an_upright_grid_on_an_upright_display_is_not_turned() -> None:
 def test_a_display_that_stands_shows_the_bits_of_one_that_lies_turned_by_a_quarter() -> None:
     bits = framing.encode(b"turned", LAYOUT.n_bits)
     lying, upright = (
-        Loop(LAYOUT, 3, bits, lambda size=size: iter([ramp(*size)]), 0, size, "contain")
+        Loop(LAYOUT, 3, bits, lambda size=size: iter([ramp(*size)]), size, "contain")
         for size in ((192, 108), (108, 192))
     )
     assert lying.shown_layout == upright.shown_layout
@@ -82,8 +82,8 @@ def test_pictures_that_would_lie_elsewhere_are_refused() -> None:
     pictures = [ramp(160, 90), ramp(120, 90)]
     bits = framing.encode(b"two", LAYOUT.n_bits)
     with pytest.raises(InputError, match="would not lie where one of 160x90 did; choose fit cover"):
-        list(Loop(LAYOUT, 3, bits, lambda: iter(pictures), 0, (160, 90), "contain").carriers())
-    assert list(Loop(LAYOUT, 3, bits, lambda: iter(pictures), 0, (160, 90), "cover").carriers())
+        list(Loop(LAYOUT, 3, bits, lambda: iter(pictures), (160, 90), "contain").carriers())
+    assert list(Loop(LAYOUT, 3, bits, lambda: iter(pictures), (160, 90), "cover").carriers())
 
 
 def test_a_picture_that_is_too_narrow_for_the_blocks_is_refused() -> None:

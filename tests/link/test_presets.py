@@ -9,7 +9,6 @@ from conftest import Command, Refuses
 import data_gen.video as film_cli
 from link.layout import make_layout
 from link.presets import PRESETS
-from sender.visibility.line_code import CODE_OF_MODULATION
 
 FILM = ("--message", "hi", "--seconds", 0.01, "--size", 160, 120)
 
@@ -17,7 +16,6 @@ FILM = ("--message", "hi", "--seconds", 0.01, "--size", 160, 120)
 @pytest.mark.parametrize("name", PRESETS)
 def test_a_preset_is_one_whole(name: str) -> None:
     preset = PRESETS[name]
-    assert preset.line_code == CODE_OF_MODULATION[preset.layout.modulation]
     assert preset.changed() == preset.layout
     assert preset.purpose.endswith(".")
 

@@ -12,7 +12,6 @@ from link.strength import EVEN, FACTORS, block_steps, even_factor, light_of_leve
 from link.types import Image
 from sender.hiding import MESSAGE_SEED, SECONDS, Onlooker
 from sender.visibility.flicker import contrast_over_threshold, random_message
-from sender.visibility.line_code import CODE_OF_MODULATION
 
 LAYOUT = make_layout(12, 16, 160, 120, modulation="antipodal", pilots=8)
 
@@ -50,8 +49,8 @@ def test_the_curve_makes_all_grays_alike_to_the_eye() -> None:
     seen = {}
     for level, factor in EVEN.items():
         viewing = replace(usual, kappa=factor, picture_level=float(level))
-        code, rng = CODE_OF_MODULATION["antipodal"], np.random.default_rng(MESSAGE_SEED)
-        shown = random_message(viewing, code, rng, SECONDS)
+        rng = np.random.default_rng(MESSAGE_SEED)
+        shown = random_message(viewing, "antipodal", rng, SECONDS)
         seen[level] = contrast_over_threshold(shown, viewing, "block").high
     inside = np.array([seen[level] for level in EVEN if 0 < level < 255])  # others are clipped
     assert inside.max() / inside.min() < EVEN_CONTRAST

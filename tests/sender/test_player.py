@@ -175,14 +175,12 @@ EXACT: dict[str, tuple[int, dict[str, Any], dict[str, Any]]] = {
     "antipodal, pilots, least": (1, {"pilots": 4, "modulation": "antipodal"}, {}),
     "antipodal, pilots, most": (64, {"pilots": 4, "modulation": "antipodal"}, {}),
     "on_off, pilots": (3, {"pilots": 4}, {}),
-    "antipodal, ratex, soft": (9, {"ratex": 2, "modulation": "antipodal"}, {"pyramid_level": 1}),
-    "on_off, soft": (6, {"pilots": 4}, {"pyramid_level": 1}),
     "antipodal, even": (5, {"pilots": 4, "modulation": "antipodal"}, {"even": True}),
     "antipodal, ratex, even": (5, {"ratex": 2, "modulation": "antipodal"}, {"even": True}),
     "antipodal, even, most": (64, {"pilots": 4, "modulation": "antipodal"}, {"even": True}),
 }
 """Kappa, and what else a layout and a loop have, by what the page must show exactly."""
-SOON = ("antipodal, pilots, most", "antipodal, ratex, soft", "antipodal, ratex, even")
+SOON = ("antipodal, pilots, most", "antipodal, ratex, odd", "antipodal, ratex, even")
 
 
 def exact_loop(case: str, *, upright: bool = False) -> Loop:
@@ -220,7 +218,7 @@ def test_the_page_computes_what_is_embedded_to_the_gray_level(
 
 def offsets_at(loop: Loop, width: int, height: int) -> Iterator[NDArray[np.intp]]:
     """What is added to the picture in each state that is shown at another size, (H, W, 3)."""
-    rule = Compact(loop.shown_layout, loop.kappa, loop.pyramid_level)
+    rule = Compact(loop.shown_layout, loop.kappa)
 
     def spread(numbers: NDArray[Any]) -> NDArray[np.intp]:
         rows, cols = numbers.shape
@@ -231,8 +229,7 @@ def offsets_at(loop: Loop, width: int, height: int) -> Iterator[NDArray[np.intp]
     patches = spread(rule.patches)
     y, x = np.indices((height, width)) % 4
     for carrier in loop.carriers():
-        hard = np.asarray(block_changes(carrier.bits, loop.layout) > 0, np.intp)
-        cells = rule.cells(carrier.bits) if rule.soft else hard
+        cells = np.asarray(block_changes(carrier.bits, loop.layout) > 0, np.intp)
         cells = cells if carrier.steps is None else 2 * carrier.steps + cells
         numbers = np.where(patches > 0, patches, spread(cells))
         for offsets in rule.offsets[int(carrier.turned)]:
@@ -271,7 +268,7 @@ def test_in_other_windows_the_display_s_own_pixels_change_as_they_should(
     states = [np.rot90(state, -1) if upright else state for state in states]
     height, width = states[0].shape[:2]
     assert width == window[0] or height == window[1]
-    rule = Compact(loop.shown_layout, loop.kappa, loop.pyramid_level)
+    rule = Compact(loop.shown_layout, loop.kappa)
     offsets = list(offsets_at(loop, width, height))
     for number in range(3):
         chosen = [k for k in range(len(states)) if k // 2 % 3 == number]
