@@ -12,7 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import OpenWindow, cases, slow
+from conftest import OpenWindow, cases, exhaustive, slow
 from numpy.typing import NDArray
 from playwright.sync_api import Page
 
@@ -202,7 +202,7 @@ WAYS = ("by the graphics card", "without the graphics card")
 
 
 @pytest.mark.parametrize("upright", [False, True])
-@pytest.mark.parametrize("case", [name if name in SOON else slow(name) for name in EXACT])
+@pytest.mark.parametrize("case", [name if name in SOON else exhaustive(name) for name in EXACT])
 def test_the_page_computes_what_is_embedded_to_the_gray_level(
     case: str, upright: bool, open_window: OpenWindow, tmp_path: Path
 ) -> None:

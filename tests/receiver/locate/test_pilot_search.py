@@ -7,7 +7,7 @@ from weakref import ref
 import cv2
 import numpy as np
 import pytest
-from conftest import cases, slow
+from conftest import cases, exhaustive, slow
 from pilot_films import (
     BENT_CORNERS,
     BENT_SIZE,
@@ -259,8 +259,7 @@ def test_waves_do_not_see_what_is_slow() -> None:
     assert np.abs(made).max() < 2
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["hidden", "fast", "robust"])
+@cases(slow("hidden"), exhaustive("fast"), exhaustive("robust"))
 def test_finds_each_preset_where_most_frames_are_dropped(name: str) -> None:
     preset = PRESETS[name]
     fps = 2 * preset.state_hz
