@@ -17,7 +17,7 @@ import dask
 import distributed
 import pytest
 import torch
-from conftest import Command, cases
+from conftest import Command, MakeOnce, cases
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import evaluate
@@ -62,13 +62,15 @@ def scheduler() -> Iterator[str]:
 
 
 @pytest.fixture(scope="module")
-def alone(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def alone(make_once: MakeOnce) -> Path:
     """The run by one process."""
-    out = tmp_path_factory.mktemp("alone")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sys.argv", ["evaluate.py", *RUN, "--jobs", "1", "--out", str(out)])
-        evaluate.main()
-    return out
+
+    def fill(out: Path) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("sys.argv", ["evaluate.py", *RUN, "--jobs", "1", "--out", str(out)])
+            evaluate.main()
+
+    return make_once("alone", fill)
 
 
 def results(folder: Path) -> tuple[bytes, bytes, Any]:
