@@ -8,16 +8,15 @@ import numpy as np
 import pytest
 from pilot_films import FINE, OTHER, BlockMeans, filmed, moving_picture
 
-import receiver.tracking.judge as judge_module
 from link.presets import PRESETS
 from link.steps import run_to_end
 from link.types import Array, Image
 from receiver.pilots.search.toggle_map import ToggleMap
 from receiver.pilots.stabilise import WIDTH, Stabiliser
 from receiver.receiver import Receiver
-from receiver.seen import SeenFrame, SeenFrames
+from receiver.seen import SeenFrame
 from receiver.timing.synchronise import MIN_FRAMES
-from receiver.tracking.judge import CHECK_EVERY, PATIENCE, Judge
+from receiver.tracking.judge import CHECK_EVERY, PATIENCE
 from receiver.tracking.pilots import PilotTracker
 
 FPS = 60.0
@@ -182,22 +181,6 @@ def test_a_display_that_the_room_loses_is_followed_by_its_picture_next(film: Fil
     assert found_in(tracker.follow, images) is not None
     assert tracker.follow(np.full_like(images[0], 60), len(images) / FPS) is None
     assert not tracker._search.picture_moves
-
-
-def test_the_pilots_are_looked_at_with_patience(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Some looks without evidence are borne, one with evidence makes good for them."""
-    judge, seen = Judge(OTHER, FPS, 0.0, 0, 0), SeenFrames()
-    said = iter([9.0, 0.0, 0.0, 9.0, 0.0, 0.0, 0.0])
-    monkeypatch.setattr(judge_module, "find_toggling", lambda *_: (next(said), None))
-    view, stopped = np.full((OTHER.height, OTHER.width), 90, np.uint8), []
-    for number in range(1, 8 * CHECK_EVERY + 1):
-        frame = SeenFrame(OTHER, number / FPS, np.zeros((4, 2)), view, followed=number)
-        stopped.append(judge.has_stopped(frame, seen.toggles))
-        seen.add(frame)
-    looks = np.array(stopped).reshape(8, CHECK_EVERY)[:, -1]
-    # too few frames have been watched at the time of the first look
-    assert looks.tolist() == [False, False, False, False, False, False, False, True]
-    assert stopped.index(True) == 8 * CHECK_EVERY - 1
 
 
 # odd frames
