@@ -91,7 +91,7 @@ def test_finds_a_display_that_begins_to_play_late() -> None:
     assert number <= 40 + LEAST_WINDOW
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_picture_is_taken_for_one_that_moves_only_where_something_toggled() -> None:
     images, _ = filmed(FINE, 125, seed=2, hold=10**6)
     finder = PilotSearch([FINE], 60.0)
