@@ -6,6 +6,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from conftest import exhaustive, slow
 from pilot_films import FINE, OTHER, BlockMeans, filmed, moving_picture
 
 from link.presets import PRESETS
@@ -62,8 +63,7 @@ def test_a_display_is_found_and_followed() -> None:
     assert np.median(farthest) < CLOSE_PX
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("colours", [False, True])
+@pytest.mark.parametrize("colours", [exhaustive(False), slow(True)])
 def test_a_display_that_is_found_is_shown_in_the_frames_before(
     film: tuple[list[Image], Array], colours: bool
 ) -> None:
@@ -117,7 +117,7 @@ def test_of_two_motions_that_of_the_points_that_lie_farther_apart_is_chosen() ->
         assert middle[0] / middle[2] - 320 == pytest.approx(moved, abs=0.3)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_display_is_moved_within_its_rectified_image(film: Film) -> None:
     images, _ = film
     plain, moved = PilotTracker([FINE], FPS), PilotTracker([FINE], FPS)

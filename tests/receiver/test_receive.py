@@ -77,7 +77,7 @@ def listen(
     Stream(),
     exhaustive(Stream(state_hz=10.07, readout=0.0)),
     exhaustive(Stream(state_hz=29.8, fps=60, shutter=1 / 120)),
-    slow(Stream(state_hz=30.2, readout=0.025, shutter=1 / 100)),
+    exhaustive(Stream(state_hz=30.2, readout=0.025, shutter=1 / 100)),
     slow(Stream(turn=2, readout=0.02)),
     ids=lambda s: f"{s.state_hz}Hz_{s.fps:.0f}fps_turn{s.turn}",
 )
