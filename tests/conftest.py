@@ -60,10 +60,16 @@ def slow(*values: object) -> Any:
     return pytest.param(*values, marks=pytest.mark.slow)
 
 
+def exhaustive(*values: object) -> Any:
+    """A case of a parametrised test that is left to the workflow of GitHub."""
+    return pytest.param(*values, marks=pytest.mark.exhaustive)
+
+
 def cases(*rows: Any, ids: Any = None) -> Callable[..., Any]:
     """Run a test once with each row of a table; its first parameters take a row's values.
 
-    A row is a tuple, or what the test's first parameter takes. A row of `slow` is one, too.
+    A row is a tuple, or what the test's first parameter takes. A row of `slow` or `exhaustive` is
+    one, too.
     """
     first = rows[0].values if isinstance(rows[0], type(pytest.param())) else rows[0]
     count = len(first) if isinstance(first, tuple) else 1
@@ -90,9 +96,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """
     for item in items:
         fixtures = getattr(item, "fixturenames", ())
+        marks = {mark.name for mark in item.iter_markers()}
         if {"node", "chromium"} & set(fixtures):
             item.add_marker("page")
-        elif item.nodeid.startswith(CORE) and not item.get_closest_marker("slow"):
+        elif item.nodeid.startswith(CORE) and not marks & {"slow", "exhaustive"}:
             item.add_marker("core")
     long = ("commands_of_the_readme", "exported_graph", "test_train", "trained")
     items.sort(key=lambda item: not any(name in item.nodeid for name in long))
@@ -176,7 +183,7 @@ def run_folder(make_once: MakeOnce) -> Path:
     return make_once("canon-lg", fill)
 
 
-@pytest.fixture(scope="session", params=["shipped", slow("trained")])
+@pytest.fixture(scope="session", params=["shipped", exhaustive("trained")])
 def checkpoint(request: pytest.FixtureRequest) -> Path:
     """Folder of a decoder: the shipped one, and one whose every parameter has moved."""
     from models import PRETRAINED

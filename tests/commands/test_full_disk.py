@@ -1,6 +1,5 @@
 """A disk that takes no more: one line names the file and the reason, and nothing half is left."""
 
-import errno
 import resource
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,8 +9,7 @@ import pytest
 from conftest import Refuses, cases
 
 import export.to_onnx as to_onnx_cli
-from link.errors import InputError
-from link.images import write_bytes, write_image
+from link.images import write_image
 from models import PRETRAINED
 
 LIMIT_BYTES = 20_000
@@ -72,16 +70,3 @@ def test_an_out_that_is_a_folder_is_refused_before_the_export(
 ) -> None:
     said = f"--out: {tmp_path} is a folder or a device; name a file"
     refuses("export.to_onnx", [PRETRAINED, "--out", tmp_path], said, folder=tmp_path)
-
-
-def test_no_space_left_is_what_the_message_says(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(path: Path, data: bytes) -> int:
-        path.touch()
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(Path, "write_bytes", full)
-    with pytest.raises(InputError, match=r"file: cannot be written \(No space left on device\)"):
-        write_bytes(tmp_path / "file", b"data")
-    assert list(tmp_path.iterdir()) == []

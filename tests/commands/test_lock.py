@@ -15,13 +15,9 @@ import pytest
 from conftest import Command, Refuses, cases, files_in, refusal, run_process
 
 import train
-from export import to_onnx
 from link.errors import InputError
 from link.files.lock import LOCK, locked
-from link.layout import make_layout
 from models import PRETRAINED
-from models.phi.config import FULL
-from models.phi.decoder import PhiDecoder
 from reports.engine.backends import Backend
 from reports.engine.digest import ROOT
 from reports.engine.predict import predict_all
@@ -309,16 +305,3 @@ def test_an_exporting_process_ends_with_the_one_that_started_it(
     assert has_ended(child) == watched
     if not watched:  # what is guarded against
         os.kill(child, signal.SIGKILL)
-
-
-def test_export_ends_with_its_parent(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    class AskedError(Exception):
-        pass
-
-    def ask() -> None:
-        raise AskedError
-
-    monkeypatch.setattr(to_onnx, "end_with_parent", ask)
-    with pytest.raises(AskedError):
-        to_onnx.export(PhiDecoder(make_layout(), FULL), tmp_path / "decoder.onnx", "run", frames=1)
-    assert not list(tmp_path.iterdir())

@@ -1,6 +1,7 @@
 import json
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -53,46 +54,18 @@ def read_log(folder: Path) -> list[dict[str, float]]:
 # The command
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive  # the export takes minutes; the next test trains without it
 def test_train_writes_a_run(run_folder: Path) -> None:
     names = {file.name for file in run_folder.iterdir() if file.is_file()}
     assert names >= {"decoder.pt", "config.json", "decoder.onnx", "metrics.json", "log.jsonl"}
-    config = json.loads((run_folder / "config.json").read_text())
-    assert config["train"]["episodes"] == 6
-    assert config["train"]["pair"] == "canon-lg"
-    module = load_checkpoint(run_folder)
-    assert module.layout == make_layout()
-
-
-@pytest.mark.slow
-def test_the_loss_is_finite_in_every_step(run_folder: Path) -> None:
     log = read_log(run_folder)
     assert [entry["step"] for entry in log] == list(range(6))
-    assert np.isfinite([entry["loss"] for entry in log]).all()
     assert all(0 <= entry["bit_error"] <= 0.5 for entry in log)
-
-
-@pytest.mark.slow
-def test_training_changed_every_parameter_of_the_shipped_checkpoint(run_folder: Path) -> None:
     after, before = parameters(load_checkpoint(run_folder)), parameters(load_checkpoint(PRETRAINED))
     assert list(after) == list(before)
     for name, values in after.items():
         moved = np.abs(np.subtract(values, before[name]))
-        assert moved.max() > 0, name
-        assert moved.max() <= 6 * 0.1, name  # six steps of at most the learning rate each
-
-
-@pytest.mark.slow
-def test_metrics_compare_every_method_on_held_out_captures(run_folder: Path) -> None:
-    metrics = json.loads((run_folder / "metrics.json").read_text())
-    rows = metrics["rows"]
-    cells = {(row["kappa"], row["view_deg"]) for row in rows}
-    assert cells == {(5, 0.0), (5, 45.0), (3, 0.0), (3, 45.0)}
-    methods = {*OF_PAIRS, "before"}  # the decoder before it was trained
-    assert {row["method"] for row in rows} == methods
-    assert len(rows) == 4 * len(methods)
-    assert all(row["frames"] == 1 and row["pair"] == "canon-lg" for row in rows)
-    assert metrics["meta"]["simulated"] is True
+        assert 0 < moved.max() <= 6 * 0.1, name  # six steps of at most the learning rate each
 
 
 @pytest.mark.slow
@@ -106,17 +79,20 @@ def test_training_again_into_the_same_folder_evaluates_the_new_decoder(
     small += ["--frames", "1", "--out", str(tmp_path)]
     command(train.main, *small)
     decoder, metrics = ((tmp_path / name).read_bytes() for name in ("decoder.pt", "metrics.json"))
+    config = json.loads((tmp_path / "config.json").read_text())
+    assert (config["train"]["episodes"], config["train"]["batch"]) == (2, 2)
+    assert load_checkpoint(tmp_path).layout == make_layout()
+    rows, methods = json.loads(metrics)["rows"], {*OF_PAIRS, "before"}  # before it was trained
+    cells = product(methods, (3, 5), (0.0, 45.0))
+    assert sorted((row["method"], row["kappa"], row["view_deg"]) for row in rows) == sorted(cells)
+    assert np.isfinite([entry["loss"] for entry in read_log(tmp_path)]).all()
 
     def marks() -> set[str]:
         lines = (tmp_path / "predictions.jsonl").read_text().splitlines()
         return {json.loads(line)["mark"] for line in lines}
 
     stored = marks()
-    assert len(stored) == len(OF_PAIRS) + 1  # and the decoder before it was trained
-    command(train.main, *small)  # it is made again, to the same bytes
-    assert (tmp_path / "decoder.pt").read_bytes() == decoder
-    assert (tmp_path / "metrics.json").read_bytes() == metrics
-    assert marks() == stored
+    assert len(stored) == len(methods)
     train_loop = train.train
 
     def train_otherwise(module: PhiDecoder, *rest: Any) -> None:

@@ -5,7 +5,7 @@ import zlib
 
 import numpy as np
 import pytest
-from conftest import cases, slow
+from conftest import cases, exhaustive, slow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scores import keeps_scores, listen, noisy
@@ -292,7 +292,7 @@ def test_covered_blocks_and_lost_bursts_of_frames_do_no_harm() -> None:
     assert message.data == data
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive  # the next test sums up scores of more than one frame, too
 def test_a_picture_of_which_little_can_be_read_delivers() -> None:
     """No frame's number is sure by itself: most blocks are dark, and their scores mere noise."""
     rng = np.random.default_rng(1)
@@ -395,8 +395,7 @@ def test_nothing_received_is_no_fine_message() -> None:
     assert collector.progress == 0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("ber", [0.1, 0.25, 0.4])
+@pytest.mark.parametrize("ber", [exhaustive(0.1), slow(0.25), exhaustive(0.4)])
 def test_a_noisy_fine_message_is_right_or_absent(ber: float) -> None:
     rng = np.random.default_rng(int(100 * ber))
     for _ in range(12):

@@ -1,8 +1,7 @@
 """Films as phones make them are read: shaking hands, a video codec at an angle, bent lines."""
 
 import numpy as np
-import pytest
-from conftest import cases
+from conftest import cases, exhaustive, slow
 
 from data_gen.film.codec import CodecSettings, through_codec
 from data_gen.film.scenes import SceneSettings
@@ -18,8 +17,11 @@ from receiver.receiver import Receiver
 TEXT = b"phones"
 
 
-@pytest.mark.slow
-@cases((6.0, CodecSettings()), (1.0, CodecSettings("h264", kbits=8000)), ids=["hand 6", "h264"])
+@cases(
+    slow(6.0, CodecSettings()),
+    exhaustive(1.0, CodecSettings("h264", kbits=8000)),
+    ids=["hand 6", "h264"],
+)
 def test_a_film_at_an_angle_is_read(hand: float, codec: CodecSettings) -> None:
     layout = make_layout()
     source = Source(layout, "test", 0)

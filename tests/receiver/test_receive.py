@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from conftest import ROOT, Command, Finished, Refuses, cases, run_process, slow
+from conftest import ROOT, Command, Finished, Refuses, cases, exhaustive, run_process, slow
 from numpy.typing import NDArray
 from streams import Stream, events_of, seen_frame, states_of, write_film
 
@@ -75,9 +75,9 @@ def listen(
 
 @cases(
     Stream(),
-    slow(Stream(state_hz=10.07, readout=0.0)),
-    slow(Stream(state_hz=29.8, fps=60, shutter=1 / 120)),
-    slow(Stream(state_hz=30.2, readout=0.025, shutter=1 / 100)),
+    exhaustive(Stream(state_hz=10.07, readout=0.0)),
+    exhaustive(Stream(state_hz=29.8, fps=60, shutter=1 / 120)),
+    exhaustive(Stream(state_hz=30.2, readout=0.025, shutter=1 / 100)),
     slow(Stream(turn=2, readout=0.02)),
     ids=lambda s: f"{s.state_hz}Hz_{s.fps:.0f}fps_turn{s.turn}",
 )

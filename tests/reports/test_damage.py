@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import Command, cases, slow
+from conftest import Command, cases, exhaustive, slow
 from runs import write_run
 
 from reports.evaluation import page
@@ -23,7 +23,7 @@ JSON = (
 """Files that --report reads."""
 QUICK = ("run.json", "stories.json", "response.json")
 """Files that the default run damages."""
-SOME = [name if name in QUICK else slow(name) for name in JSON]
+SOME = [name if name in QUICK else exhaustive(name) for name in JSON]
 CONTENTS: dict[str, bytes | None] = {
     "empty": b"",
     "{}": b"{}",
@@ -209,8 +209,9 @@ def damages(file: Path) -> Iterator[tuple[tuple[Any, ...], Any, bytes]]:
             yield path, new, "\n".join(lines).encode()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", SOME)
+@pytest.mark.parametrize(
+    "name", [slow(name) if name in QUICK else exhaustive(name) for name in JSON]
+)
 def test_many_places_of_every_file_may_hold_anything(
     shown: Callable[..., bool], good: Path, name: str
 ) -> None:

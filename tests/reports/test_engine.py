@@ -17,7 +17,7 @@ import dask
 import distributed
 import pytest
 import torch
-from conftest import Command, cases
+from conftest import Command, MakeOnce, cases, exhaustive, slow
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import evaluate
@@ -62,13 +62,15 @@ def scheduler() -> Iterator[str]:
 
 
 @pytest.fixture(scope="module")
-def alone(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def alone(make_once: MakeOnce) -> Path:
     """The run by one process."""
-    out = tmp_path_factory.mktemp("alone")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sys.argv", ["evaluate.py", *RUN, "--jobs", "1", "--out", str(out)])
-        evaluate.main()
-    return out
+
+    def fill(out: Path) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("sys.argv", ["evaluate.py", *RUN, "--jobs", "1", "--out", str(out)])
+            evaluate.main()
+
+    return make_once("alone", fill)
 
 
 def results(folder: Path) -> tuple[bytes, bytes, Any]:
@@ -163,8 +165,7 @@ def test_a_failing_cell_is_reported_and_the_others_are_written(
     assert not trace.exists()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("where", ["loky", "dask"])
+@cases(slow("loky"), exhaustive("dask"))
 def test_a_cell_that_fails_elsewhere_is_reported_too(
     where: str, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
@@ -183,8 +184,7 @@ def test_commands_that_need_every_cell_refuse_to_go_on(tmp_path: Path) -> None:
         predict_all(condition(BAD), NAIVE, tmp_path / "b.jsonl", Backend())
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("where", ["loky", "dask"])
+@cases(slow("loky"), exhaustive("dask"))
 def test_a_task_whose_process_dies_fails_alone(where: str, request: pytest.FixtureRequest) -> None:
     def task(number: int) -> int:
         if number == 1:
@@ -197,17 +197,6 @@ def test_a_task_whose_process_dies_fails_alone(where: str, request: pytest.Fixtu
     failure = outcomes[1].failure
     assert failure is not None
     assert failure.reason.startswith(("TerminatedWorkerError: ", "KilledWorker: "))
-
-
-@pytest.mark.slow
-def test_a_single_worker_gets_the_tasks() -> None:
-    with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, dashboard_address=":0", silence_logs=50
-    ) as cluster:
-        outcomes = list(
-            run_tasks(lambda _: os.getpid(), [0], Backend(1, cluster.scheduler_address))
-        )
-    assert outcomes[0].result not in (None, os.getpid())
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Command, OpenWindow, Refuses, cases, slow
+from conftest import Command, OpenWindow, Refuses, cases, exhaustive
 from moving import write_moving
 from playwright.sync_api import Page
 from test_player import CANVAS, EXACT, pixels_of, wait_for
@@ -75,7 +75,7 @@ SOON = ("antipodal, ratex, even, upright, cut", "antipodal, even, wide", "on_off
 @pytest.mark.parametrize(
     ("case", "shape"),
     [
-        pair if ", ".join(pair) in SOON else slow(*pair)
+        pair if ", ".join(pair) in SOON else exhaustive(*pair)
         for pair in ((case, shape) for case in list(EXACT) for shape in SHAPES)
     ],
 )

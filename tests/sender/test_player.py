@@ -12,7 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import OpenWindow, cases, slow
+from conftest import OpenWindow, cases, exhaustive, slow
 from numpy.typing import NDArray
 from playwright.sync_api import Page
 
@@ -106,8 +106,9 @@ WINDOWS = {
 """Width and height in CSS pixels, device pixels for each of them, and for each of the picture's."""
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", WINDOWS)
+@pytest.mark.parametrize(
+    "name", [slow(name) if "phone" in name else exhaustive(name) for name in WINDOWS]
+)
 def test_screenshots_while_it_plays_are_the_states_bit_for_bit(
     name: str, open_window: OpenWindow, player: Path, small: Loop
 ) -> None:
@@ -200,7 +201,7 @@ WAYS = ("by the graphics card", "without the graphics card")
 
 
 @pytest.mark.parametrize("upright", [False, True])
-@pytest.mark.parametrize("case", [name if name in SOON else slow(name) for name in EXACT])
+@pytest.mark.parametrize("case", [name if name in SOON else exhaustive(name) for name in EXACT])
 def test_the_page_computes_what_is_embedded_to_the_gray_level(
     case: str, upright: bool, open_window: OpenWindow, tmp_path: Path
 ) -> None:
@@ -253,8 +254,9 @@ def resized(picture: Image, width: int, height: int) -> Array:
     return np.asarray(np.einsum("ij,jkc,lk->ilc", tall, picture, wide, optimize=True))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("number", range(len(EXACT)))
+@pytest.mark.parametrize(
+    "number", [slow(k) if name in SOON else exhaustive(k) for k, name in enumerate(EXACT)]
+)
 def test_in_other_windows_the_display_s_own_pixels_change_as_they_should(
     number: int, open_window: OpenWindow, tmp_path: Path
 ) -> None:
@@ -359,9 +361,9 @@ def test_a_late_refresh_is_told_and_the_states_keep_time(
 @cases(
     (60, 120, 1, "60.0 states a second, not 120 as asked"),
     (75, 15, 5, ""),
-    slow(59.94, 60, 1, ""),
-    slow(240, 15, 16, ""),
-    slow(144, 60, 2, "72.0 states a second, not 60 as asked"),
+    exhaustive(59.94, 60, 1, ""),
+    exhaustive(240, 15, 16, ""),
+    exhaustive(144, 60, 2, "72.0 states a second, not 60 as asked"),
 )
 def test_the_rate_is_the_least_that_is_not_slower_and_that_the_display_has(
     hz: float, asked: float, hold: int, word: str, open_window: OpenWindow, player: Path

@@ -9,7 +9,6 @@ import sys
 import time
 import zlib
 from collections.abc import Callable, Iterator
-from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -26,23 +25,18 @@ from picture_files import Picture, profiled_pictures, turned_pictures
 from PIL import Image
 
 import sender.__main__ as send_cli
-import sender.likeness as likeness_module
-import sender.pictures as pictures_module
-import sender.player as player_module
 from link.code import framing
 from link.code.authenticate import sign, verify
 from link.code.collect import make_collector
 from link.embed import with_head_room
 from link.errors import InputError
 from link.images import fit_picture, read_image, write_image
-from link.images.quality import psnr
 from link.images.video import read_video, write_video
 from link.layout import MODULATIONS, Layout, make_layout
 from link.loop import Loop
 from link.pilot_code import PilotCode
 from link.presets import DEFAULT_PRESET, PRESETS
 from sender.hiding import MESSAGE_SEED, SECONDS, Hiding, Onlooker
-from sender.likeness import Likeness
 from sender.pictures import note_coarse, open_pictures
 from sender.player import write_player
 from sender.visibility.flicker import contrast_over_threshold, random_message
@@ -429,32 +423,6 @@ def animate(file: Path, levels: tuple[int, ...]) -> Path:
     return file
 
 
-def test_a_bar_appears_where_writing_takes_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    for after_s, shown in ((60.0, False), (0.0, True)):
-        monkeypatch.setattr(player_module, "BAR_AFTER_S", after_s)
-        monkeypatch.setattr("sys.stderr", terminal := StringIO())
-        terminal.isatty = lambda: True  # type: ignore[method-assign]
-        assert list(player_module.with_bar(iter("ab"), 2, "pair")) == ["a", "b"]
-        assert ("pair" in terminal.getvalue()) == shown
-
-
-def test_a_picture_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in "ab":
-        write_image(tmp_path / f"{name}.png", noise(192, 256))
-    read = []
-    usual = pictures_module.read_picture
-    monkeypatch.setattr(
-        pictures_module, "read_picture", lambda path, limit: read.append(path) or usual(path, limit)
-    )
-    layout = make_layout(8, 8, 128, 96)
-    for source, times in (tmp_path / "a.png", 1), (tmp_path, 2):
-        read.clear()
-        bits = framing.encode(b"Hi", layout.n_bits)[:2]
-        loop = Loop(layout, 3, bits, open_pictures(source, 15))
-        assert (loop.placement.display_size, len(list(loop.carriers()))) == ((256, 192), 2)
-        assert len(read) == times
-
-
 @cases((".png", np.uint8), (".png", np.uint16), (".webp", np.uint8))
 def test_what_is_transparent_is_white_and_told_once(
     suffix: str, kind: type, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -565,24 +533,6 @@ def test_any_layout_survives_folder_and_player(
         states = folder_states(Path(folder))
         np.testing.assert_array_equal(player_states(out), states)
     assert [read_bits(pair, layout) for pair in pairs_of(states)] == bits.tolist()
-
-
-def test_likeness_is_taken_of_the_first_pairs_and_all_are_counted(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(likeness_module, "MEASURED_PIXELS", 2 * 128 * 128)
-    layout = make_layout(8, 8, 128, 128)
-    bits = framing.encode(b"counted", layout.n_bits)
-    loop = Loop(layout, 3, bits, lambda: iter([noise(128, 128)]))
-    pairs = [carrier.displayed() for carrier in loop.carriers()]
-    measured = [psnr(pair.original, pair.embedded) for pair in pairs]
-    said = loop.report(7, 15.0)
-    assert said["pairs"] == said["frames"] == len(bits) == len(measured) > 2
-    assert said["loop_seconds"] == pytest.approx(2 * len(bits) / 15, abs=1e-3)
-    alike = Likeness.of(loop)
-    assert [decibels for decibels, _ in alike.pairs] == measured[:2]
-    states = list(loop.states())[:4]
-    np.testing.assert_allclose(alike.time_mean, np.mean(states, axis=0))
 
 
 def test_fit_cuts_evenly_and_does_not_stretch() -> None:

@@ -5,6 +5,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from conftest import exhaustive, slow
 from pilot_films import FINE, OTHER, filmed, leaving, panned_to
 from port import Port
 from tolerances import LENS_FOUND_K, PILOTS_FOUND_PX
@@ -16,16 +17,16 @@ from receiver.pilots.search.pilot_search import PilotSearch
 
 FPS = 60.0
 FILMS = [
-    "bent",
-    "upside down, parallax",
-    "turned to",
-    "late",
-    "leaving",
-    "moving picture",
-    "no edges",
-    "no edges, slow camera",
-    "still",
-    "other layout",
+    slow("bent"),
+    exhaustive("upside down, parallax"),
+    exhaustive("turned to"),
+    exhaustive("late"),
+    exhaustive("leaving"),
+    slow("moving picture"),
+    slow("no edges"),
+    exhaustive("no edges, slow camera"),
+    slow("still"),
+    exhaustive("other layout"),
 ]
 LATER, NO_EDGES_LATER = 6, 8
 """Largest number of frames by which the page may find a display later than Python: edges are looked
@@ -73,7 +74,6 @@ def first_found(search: Any, images: list[Image], fps: float) -> tuple[int, Any]
     return None
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", FILMS)
 def test_page_finds_what_python_finds(port: Port, name: str) -> None:
     images, truth, layouts = film(name)

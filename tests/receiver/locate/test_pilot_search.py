@@ -1,13 +1,12 @@
 """A display without patches is found by its pilots, and nothing else is."""
 
 import gc
-from unittest.mock import Mock
 from weakref import ref
 
 import cv2
 import numpy as np
 import pytest
-from conftest import cases, slow
+from conftest import cases, exhaustive, slow
 from pilot_films import (
     BENT_CORNERS,
     BENT_SIZE,
@@ -26,13 +25,11 @@ from link.pilots import pilot_signs
 from link.presets import PRESETS
 from link.steps import run_to_end
 from link.types import Array, Floats, Image
-from receiver.pilots.search import window_search
 from receiver.pilots.search.all_blocks import BlockFit, block_fit, block_maps
 from receiver.pilots.search.parts import COARSE_SIZE, coarse_shift
 from receiver.pilots.search.pilot_search import PilotSearch
-from receiver.pilots.search.settle import verify
 from receiver.pilots.search.toggle_map import ToggleMap
-from receiver.pilots.search.watch import LEAST_WINDOW, NEXT_FRAME
+from receiver.pilots.search.watch import LEAST_WINDOW
 from receiver.pilots.signal import pilot_evidence
 from receiver.pilots.stabilise import Stabiliser, Tracks
 from receiver.pilots.toggling import Wave
@@ -94,7 +91,7 @@ def test_finds_a_display_that_begins_to_play_late() -> None:
     assert number <= 40 + LEAST_WINDOW
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_picture_is_taken_for_one_that_moves_only_where_something_toggled() -> None:
     images, _ = filmed(FINE, 125, seed=2, hold=10**6)
     finder = PilotSearch([FINE], 60.0)
@@ -125,18 +122,6 @@ def test_points_that_lie_close_together_do_not_say_how_a_display_moves() -> None
     assert Tracks(around[:5], after[:5], 0.7).motion_within(quad) is None
 
 
-def test_a_proposal_that_waits_for_frames_holds_up_no_other(monkeypatch) -> None:
-    def waits_at_first(*given):
-        settled.append(given)
-        while len(settled) == 1:
-            yield NEXT_FRAME
-        return (yield from verify(*given))
-
-    settled: list[object] = []
-    monkeypatch.setattr(window_search, "verify", waits_at_first)
-    find(*filmed(FINE, 60, seed=0), [FINE])
-
-
 def test_a_window_that_is_given_up_is_freed_at_once() -> None:
     """Its frames do not wait until Python looks for what holds itself."""
     images, _ = filmed(FINE, 3, seed=0)
@@ -148,15 +133,6 @@ def test_a_window_that_is_given_up_is_freed_at_once() -> None:
     search.push(np.zeros_like(images[0]), 1.0)
     gc.enable()
     assert window() is None
-
-
-def test_of_late_windows_one_whose_proposal_waits_goes_on_first() -> None:
-    search, taken = PilotSearch([FINE]), []
-    for waiting in ([], ["a proposal"]):
-        steps = (taken.append(each) or 1 for each in [waiting] * 9)
-        search._windows[Mock(is_late=True, waiting=waiting)] = steps
-    search.push(np.zeros((8, 8), np.uint8), 0.0)
-    assert taken[0]
 
 
 @pytest.mark.slow
@@ -259,8 +235,7 @@ def test_waves_do_not_see_what_is_slow() -> None:
     assert np.abs(made).max() < 2
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["hidden", "fast", "robust"])
+@cases(slow("hidden"), exhaustive("fast"), exhaustive("robust"))
 def test_finds_each_preset_where_most_frames_are_dropped(name: str) -> None:
     preset = PRESETS[name]
     fps = 2 * preset.state_hz
