@@ -40,7 +40,7 @@ from reports.render.charts import (
     to_svg,
 )
 from reports.render.tables import Table, TableCell
-from reports.run import CSV, PREDICTIONS, RunFolder, Story
+from reports.run import CSV, PREDICTIONS, STORIES, RunFolder, Story
 from reports.score.accuracy import score, write_scores
 from reports.score.paired import same_captures
 
@@ -380,7 +380,7 @@ def test_pictures_outside_the_run_or_missing_are_refused(
 ) -> None:
     folder = store("stories", [line("oorc", 0, 1)])
     (folder.parent / "secret.jpg").write_bytes(b"secret")
-    RunFolder(folder).write_stories([Story("strip", "title", "where", [(file, "caption")])])
+    RunFolder(folder).write(STORIES, [Story("strip", "title", "where", [(file, "caption")])])
     refuses("evaluate", ["--report", folder], file, folder=folder)
 
 
