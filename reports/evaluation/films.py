@@ -100,8 +100,8 @@ def evaluate_films(
         tables.append(summary_table(scores, title).markdown())
         tables.append(information_table(mine).markdown())
     meta = {**provenance(seed, simulated=True), "failed_cells": predicted.failed}
-    folder.finish(meta, clock.seconds, [*notes, *predicted.failed])
     folder.write_comparison(records, meta, "\n\n".join(tables))
+    folder.finish(meta, clock.seconds, [*notes, *predicted.failed])
     print(*tables, f"written: {folder.path}/predictions.jsonl, metrics.json, tables.md", sep="\n\n")
     return predicted.failed
 
