@@ -205,8 +205,6 @@ def checked_flags(config: EvaluateConfig) -> tuple[list[Condition], Backend]:
     cells = paper_cells(config.pairs, config.views, config.kappas)
     if config.pictures is not None and config.captures is None:
         shuffled_pictures(source)
-    if config.captures is not None and config.layout() != EvaluateConfig().layout():
-        raise InputError("--captures: has layouts of its own; leave out the flags of the layout")
     if config.show is not None and config.captures is None:
         raise InputError("--show: draws captures, so it needs --captures")
     if not config.films:

@@ -91,8 +91,7 @@ def ablation_blocks(results: Mapping[str, Results[Ablation]]) -> dict[str, str]:
     """Show the ablation of the label "ablation", or else of the only one there is."""
     shown = results.get("ablation") or next(iter(results.values()))
     ablation = shown.content
-    frames = shown.meta["flags"]["frames"]
-    tables = [f"## {table.markdown()}" for table in ablation_tables(ablation, frames)]
+    tables = [f"## {table.markdown()}" for table in ablation_tables(ablation)]
     blocks = {"ablation": describe_study(shown.meta), "parts": "\n\n".join(tables)}
     if ablation.curves:
         blocks["reliability"] = calibration_table(ablation.curves).markdown()

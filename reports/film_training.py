@@ -97,7 +97,7 @@ class Recording:
     def make(self) -> None:
         """Film, receive, and write the windows."""
         one_thread()
-        write_bytes(self.file, pack_windows(windows_of_film(self.film)))
+        write_bytes(self.file, pack_windows(windows_of(self.film.cuts())))
 
 
 def train_films(config: FilmTrainConfig) -> None:
@@ -173,11 +173,6 @@ def deal_out(config: FilmTrainConfig, split: str, folder: Path) -> list[Recordin
         name = f"{number:04d}_{take.name.replace(' ', '_')}.npz"
         recordings.append(Recording(FilmOf(take, seconds), folder / name))
     return recordings
-
-
-def windows_of_film(film: FilmOf) -> list[KnownWindow]:
-    """Film and receive: the kept windows."""
-    return [cut for cut in film.cuts() if isinstance(cut, KnownWindow)]
 
 
 def load_windows(recording: Recording) -> list[KnownWindow]:

@@ -16,7 +16,7 @@
 import json
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -43,6 +43,8 @@ REPORT = "report.html"
 """Name of the page of a run."""
 PREDICTIONS, SWEPT = "predictions.jsonl", "sweeps.jsonl"
 """Names of the files of the predictions of the main comparison, and of the sweeps."""
+SWEEPS, STORIES, RESPONSES, COST = "sweeps.json", "stories.json", "response.json", "cost.json"
+"""Names of the files of what was swept, of the pictures, of the responses and of the time."""
 CSV = "metrics.csv"
 """Name of the file of the scores that spreadsheets and pandas read: a row a cell and method."""
 CONFIG = "config.json"
@@ -305,25 +307,15 @@ class RunFolder:
         write_bytes(self.path / CSV, rows.to_csv(index=False).encode())
         write_bytes(self.path / "tables.md", f"{tables}\n".encode())
 
-    def write_sweeps(self, sweeps: Sequence[SweepCurve]) -> None:
-        """Write sweeps.json; the predictions lie in the folder already."""
-        self._write("sweeps.json", [asdict(sweep) for sweep in sweeps])
+    def write(self, name: str, content: object) -> None:
+        """Write a file of the run as strict JSON; dataclasses are written as objects.
 
-    def write_stories(self, stories: Sequence[Story]) -> None:
-        """Write stories.json; the pictures lie in the folder already."""
-        self._write("stories.json", [asdict(story) for story in stories])
-
-    def write_responses(self, responses: Sequence[Response]) -> None:
-        """Write response.json."""
-        self._write("response.json", [asdict(response) for response in responses])
-
-    def write_films(self, films: FilmEvidence) -> None:
-        """Write films.json; the pictures lie in the folder already."""
-        self._write(FILMS, asdict(films))
-
-    def write_cost(self, cost: Cost) -> None:
-        """Write cost.json."""
-        self._write("cost.json", asdict(cost))
+        Args:
+            name: such as `SWEEPS`; pictures that it names lie in the folder already.
+            content: dataclasses, lists, dicts and plain values; anything else is written as text.
+        """
+        text = json.dumps(content, indent=1, default=_plain, allow_nan=False) + "\n"
+        write_bytes(self.path / name, text.encode())
 
     def finish(
         self,
@@ -344,7 +336,7 @@ class RunFolder:
         rounded = {name: round(value, 1) for name, value in seconds.items()}
         settings = {**self.settings, **stated}
         about = About(meta, commit(), machine(), settings, rounded, list(notes))
-        self._write("run.json", asdict(about))
+        self.write("run.json", about)
 
     def read(self) -> Run:
         """Read a finished run.
@@ -366,10 +358,10 @@ class RunFolder:
                 swept=read_predictions(self.path / SWEPT)
                 if is_file(self.path / SWEPT)
                 else records[:0],
-                sweeps=self._read_list("sweeps.json", SweepCurve),
-                stories=self._read_list("stories.json", Story),
-                responses=self._read_list("response.json", Response),
-                cost=self._read("cost.json", Cost) if is_file(self.path / "cost.json") else None,
+                sweeps=self._read_list(SWEEPS, SweepCurve),
+                stories=self._read_list(STORIES, Story),
+                responses=self._read_list(RESPONSES, Response),
+                cost=self._read(COST, Cost) if is_file(self.path / COST) else None,
                 films=self._read(FILMS, FilmEvidence) if is_file(self.path / FILMS) else None,
             )
             checked(Making, run.about.meta, "run.json, meta")
@@ -378,7 +370,7 @@ class RunFolder:
                 inside(self.path, picture, FILMS)
             for story in run.stories:
                 for picture, _ in story.pictures:
-                    inside(self.path, picture, f"stories.json, {story.title:.60}")
+                    inside(self.path, picture, f"{STORIES}, {story.title:.60}")
             stored, _ = read_scores(self.path / "metrics.json")
         except (OSError, InputError) as error:
             reason = " ".join(str(error).split())
@@ -391,10 +383,6 @@ class RunFolder:
             )
         return run
 
-    def _write(self, name: str, content: object) -> None:
-        text = json.dumps(content, indent=1, default=str, allow_nan=False) + "\n"
-        write_bytes(self.path / name, text.encode())
-
     def _read_list(self, name: str, kind: type[T]) -> list[T]:
         """Content of a file that holds a list; empty where there is no such file."""
         return self._read(name, list[kind]) if is_file(self.path / name) else []  # type: ignore[valid-type]
@@ -402,3 +390,8 @@ class RunFolder:
     def _read(self, name: str, kind: type[T]) -> T:
         """Content of a file, checked against its type."""
         return checked(kind, read_json(self.path / name), name)
+
+
+def _plain(value: Any) -> Any:
+    """What JSON does not know, as an object where it is a dataclass, and as text elsewhere."""
+    return vars(value) if is_dataclass(value) else str(value)

@@ -35,8 +35,6 @@ from reports.score.intervals import wilson
 
 FAST = FilmSettings(preset="fast", state_hz=30, fps=60, n_bytes=20_000)
 """The setting "fast", a camera of 60 frames a second before the preset `fast`."""
-SLANTED = replace(FAST, preset="hidden")
-"""The setting "slanted", the same on the larger blocks of the preset `hidden`."""
 HIDDEN = FilmSettings(preset="hidden", kappa=1, state_hz=60, fps=120, n_bytes=20_000, loops=10)
 """The setting "hidden", below the threshold of sight at the preset's distance."""
 SETTINGS = {
@@ -54,7 +52,7 @@ SETTINGS = {
     "hidden, 50 fps of 60 Hz": replace(HIDDEN, fps=50, shutter=1 / 100),
     "hidden, 59.94 fps of 75 Hz": replace(HIDDEN, fps=59.94, state_hz=75, shutter=1 / 100),
     "hidden": HIDDEN,
-    "slanted": SLANTED,
+    "slanted": replace(FAST, preset="hidden"),
     "fast": FAST,
     "moving, robust": FilmSettings(preset="robust", n_bytes=100, carriers="moving"),
     "moving, 30 fps": replace(HIDDEN, fps=30, n_bytes=100, carriers="moving"),
@@ -207,26 +205,21 @@ def nearest_frame(scores: NDArray[np.float64], bits: NDArray[np.integer]) -> NDA
 
 
 def deliveries(
-    settings: FilmSettings,
-    pairs: Sequence[str],
-    views: Sequence[float],
-    runs: int,
-    seed: int,
-    workshop: Workshop,
+    settings: FilmSettings, view: float, flags: RatesFlags, workshop: Workshop
 ) -> list[Delivery]:
-    """Film a message for each pair, view and run, and let a receiver read it.
+    """Film a message for each pair and run, and let a receiver read it.
 
     Returns:
-        what became of each, ordered by pair, view and run.
+        what became of each, ordered by pair and run.
     """
     takes = [
-        Take(settings, pair, view, run, seed)
-        for run, view, pair in product(range(runs), views, pair_names(pairs))
+        Take(settings, pair, view, run, flags.seed)
+        for run, pair in product(range(flags.runs), pair_names(flags.pairs))
     ]
     graphs = [graph_of(takes[0]), FILM_GRAPH]
     found = workshop.each(deliver, {take.name: take for take in takes}, graphs)
     made = [Delivery(**run) for run in found.values()]
-    return sorted(made, key=lambda run: (run.pair, run.view_deg, run.run))
+    return sorted(made, key=lambda run: (run.pair, run.run))
 
 
 ROW_HEADS = (
@@ -282,18 +275,12 @@ def rates_blocks(results: Mapping[str, Results[RatesContent]]) -> dict[str, str]
     return {"rates": Table(ROW_HEADS, rows, title).markdown()}
 
 
-def check_filmed(pairs: Sequence[str], views: Sequence[float]) -> None:
-    """Raise an `InputError` for camera-display pairs and views that cannot be filmed."""
-    each_once(pairs=pair_names(pairs), views=views)
-    for view in views:
-        check_view(view, "views")
-
-
 def check_rates(flags: RatesFlags) -> None:
     """Raise an `InputError` that names the first flag with a wrong value."""
     at_least(1, runs=flags.runs)
-    each_once(settings=flags.settings)
-    check_filmed(flags.pairs, flags.views)
+    each_once(settings=flags.settings, pairs=pair_names(flags.pairs), views=flags.views)
+    for view in flags.views:
+        check_view(view, "views")
     for name in flags.settings:
         film = flags.film(name)
         at_least(1, n_bytes=film.n_bytes)
@@ -306,7 +293,7 @@ def measure_rates(flags: RatesFlags, workshop: Workshop) -> RatesContent:
     for name in flags.settings:
         film = flags.film(name)
         for view in flags.views:
-            runs = deliveries(film, flags.pairs, (view,), flags.runs, flags.seed, workshop)
+            runs = deliveries(film, view, flags, workshop)
             found.append(FilmSeries(name, film.n_bytes, view, runs))
     return RatesContent(found)
 

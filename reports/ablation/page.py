@@ -6,31 +6,27 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator
 
-from reports.ablation.results import BLOCKS, Ablation, AblationEntry, CellBehind
-from reports.ablation.switches import WHOLE_DECODERS
+from reports.ablation.results import BLOCKS, Ablation, AblationEntry
 from reports.engine.conditions import SETTINGS
 from reports.render.charts import in_style
-from reports.render.tables import Table, TableCell, Tint, difference_interval, number, percent
+from reports.render.tables import Table, TableCell, Tint, difference_interval, percent
 from reports.score.paired import MIN_FRAMES, Paired
 
 TICKS = (-30, -10, -3, -1, 0, 1, 3, 10, 30)
 """Ticks of the picture's scale, in points; the scale is linear within 1 and logarithmic beyond."""
 
 
-def ablation_tables(ablation: Ablation, frames: int | None = None) -> list[Table]:
-    """Return what each switch is worth, and how the whole decoders stand against OORC.
+def ablation_tables(ablation: Ablation) -> list[Table]:
+    """Return what each switch is worth.
 
     Args:
         ablation: what was measured.
-        frames: number of frame pairs in each cell; None where cells differ in it.
 
     Returns:
-        a table for each of `BLOCKS` (rows of the ablation by conditions; the error in per cent, and
-        beside it the paired difference to the reference), and one of the whole decoders where
-        cells are alike.
+        a table for each of `BLOCKS`: rows of the ablation by conditions; the error in per cent, and
+        beside it the paired difference to the reference.
     """
-    tables = [_switch_table(ablation.entries, title) for title in BLOCKS]
-    return tables if frames is None else [*tables, _whole_decoders_table(ablation, frames)]
+    return [_switch_table(ablation.entries, title) for title in BLOCKS]
 
 
 @in_style
@@ -112,41 +108,6 @@ def _error_cell(entry: AblationEntry, reference: str) -> TableCell:
         return TableCell(text)
     paired = entry.against[reference]
     return TableCell(text, f"{paired.difference:+.2f}, {_interval(paired)}", _tint(paired))
-
-
-def _whole_decoders_table(ablation: Ablation, frames: int) -> Table:
-    """Errors of decoders to use as a multiple of OORC's, and the cells in which they are behind."""
-    rows = []
-    for entry in ablation.entries:
-        if entry.row not in WHOLE_DECODERS:
-            continue
-        paired = entry.against["oorc"]
-        high = "∞" if paired.ratio_high is None else f"{paired.ratio_high:.2f}"
-        behind = [
-            cell
-            for cell in ablation.behind_oorc
-            if (cell.row, cell.condition) == (entry.row, entry.condition)
-        ]
-        named = ["; ".join(map(_cell_behind, behind))] if behind else []
-        rows.append(
-            [
-                entry.row,
-                entry.condition,
-                number(paired.ratio, 2),
-                f"{paired.ratio_low:.2f} to {high}",
-                ": ".join([f"{len(behind)} of {entry.frames // frames}", *named]),
-            ]
-        )
-    multiple = "multiple of OORC's errors"
-    heads = ["row", "condition", multiple, "95 % interval", "cells behind OORC"]
-    return Table(heads, rows, "Whole decoders against OORC", left=2)
-
-
-def _cell_behind(cell: CellBehind) -> str:
-    return (
-        f"{cell.pair} {cell.view_deg:g}° κ {cell.kappa}: {cell.difference:+.2f}, "
-        f"{cell.low:+.2f} to {cell.high:+.2f}"
-    )
 
 
 def _interval(paired: Paired) -> str:

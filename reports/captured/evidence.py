@@ -18,7 +18,7 @@ from link.outside import is_file, read_json
 from models.film.window import gray_frames
 from reports.captured.door import FILMS
 from reports.engine.checked import Count, Number, checked
-from reports.score.reliability import binned_information, confidence_bins, known_scores
+from reports.score.reliability import told
 
 BIN_S = 0.25
 """Seconds of film over which wrong bits are counted together."""
@@ -236,13 +236,9 @@ def told_by(
         (rates.get(str(entry.get("film"))) or 0) / 2 * Layout.from_dict(entry["layout"]).n_bits
         for entry in entries
     ]
+    rate = float(np.mean(blocks))
     found = []
-    for method in records["method"].unique():
-        if not (records.loc[records["method"] == method, "known"] > 0).any():
-            continue
-        scores, bits = known_scores(records, method)
-        read = scores != 0
-        told = binned_information(confidence_bins(scores[read], bits[read]), bits.size)
-        rate = float(np.mean(blocks))
-        found.append(Told(str(method), float(read.mean()), told, told * rate if rate else None))
+    for method in records.loc[records["known"] > 0, "method"].unique():
+        read, information = told(records, method)
+        found.append(Told(str(method), read, information, information * rate if rate else None))
     return found

@@ -128,21 +128,12 @@ def suited_to_films(methods: Sequence[Method], layout: Layout) -> tuple[list[Met
     """
     if not reads_films(layout):
         return suited_methods([m for m in methods if m.card.frames != "window"], layout)
-    suited, notes = [], []
     gray = np.full((layout.height, layout.width), 128, np.uint8)
     shares = np.zeros((4, 1, layout.rows, layout.cols), np.float32)
     shares[::2], shares[1::2] = -0.5, 0.5
     mixture = Mixture(shares, np.array([[0], [0], [1], [1]]), 2)
     trial = Observation((gray, gray, gray, gray), layout, mixture)
-    for method in methods:
-        try:
-            method.build().decode(trial)
-            suited.append(method)
-        except UnsuitedError as error:
-            notes.append(f"{method.label}: left out, {error}")
-    if not suited:
-        raise InputError(f"no method suits these films; {'; '.join(notes)}")
-    return suited, notes
+    return _that_decode(methods, trial, "these films")
 
 
 def suited_methods(methods: Sequence[Method], layout: Layout) -> tuple[list[Method], list[str]]:
@@ -161,19 +152,30 @@ def suited_methods(methods: Sequence[Method], layout: Layout) -> tuple[list[Meth
     Raises:
         InputError: no method suits.
     """
-    suited, notes = [], []
     picture = np.random.default_rng(0).integers(0, 256, (layout.height, layout.width, 3), np.uint8)
     shown = embed(picture, np.zeros(layout.n_bits), layout, kappa=5)
     pair = Observation.still(shown.original, shown.embedded, layout, shown.kappa)
+    return _that_decode(methods, pair, "this layout")
+
+
+def _that_decode(
+    methods: Sequence[Method], trial: Observation, what: str
+) -> tuple[list[Method], list[str]]:
+    """Let methods decode a trial: those that can, and a line for each that cannot.
+
+    Raises:
+        InputError: none can; the message says that no method suits ``what``.
+    """
+    suited, notes = [], []
     for method in methods:
         try:
-            if method.card.frames == "window":
+            if trial.is_pair and method.card.frames == "window":
                 raise UnsuitedError("it reads films (--films)")
-            if not (layout.ratex or method.card.equalised):
-                method.build().decode(pair)
+            if not (trial.is_pair and (trial.layout.ratex or method.card.equalised)):
+                method.build().decode(trial)
             suited.append(method)
         except UnsuitedError as error:
             notes.append(f"{method.label}: left out, {error}")
     if not suited:
-        raise InputError(f"no method suits this layout; {'; '.join(notes)}")
+        raise InputError(f"no method suits {what}; {'; '.join(notes)}")
     return suited, notes

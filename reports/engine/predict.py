@@ -296,19 +296,10 @@ def fingerprint(condition: Condition, method: Method) -> str:
     Processors are left out, and so are the names of the method and of the condition.
     """
     source = condition.source
-    module = method.card.target.partition(":")[0]
-    options: list[Any] = [option for option in method.options if option[0] != "checkpoint"]
-    options += ["by pairs"] * method.by_pairs
     files = sorted({cell.pair for cell in condition.cells if cell.pair.endswith(".json")})
-    return short_digest(
-        repr((STORED_VERSION, source, condition.frames, method.name, options)),
-        *(repr(get_pair(file)) for file in files),
-        code_digest(type(source).__module__, module),
-        outside_digest(module),
-        checkpoint_digest(method, source.layout),
-        file_digest(sorted(source.pictures.glob("*")) if source.pictures else []),
-        *package_versions(),
-    )
+    pictures = file_digest(sorted(source.pictures.glob("*")) if source.pictures else [])
+    seen = source, condition.frames, [get_pair(file) for file in files], pictures
+    return _mark(method, seen, type(source).__module__, source.layout)
 
 
 def checkpoint_digest(method: Method, *layouts: Layout) -> str:
@@ -364,12 +355,24 @@ def decode_entry(task: EntryTask) -> tuple[list[Line], dict[str, str]]:
 
 def captures_mark(method: Method, entry: dict[str, Any], layout: Layout) -> str:
     """First digits of the SHA-256 of all that decides a method's prediction of a capture."""
+    return _mark(method, entry, "link.captures", layout)
+
+
+def _mark(method: Method, seen: object, reader: str, layout: Layout) -> str:
+    """First digits of the SHA-256 of a method and of what it decodes.
+
+    Args:
+        method: what decodes.
+        seen: what is decoded; its text says all that decides it, but for code.
+        reader: name of the module that makes or loads it.
+        layout: layout for which a checkpoint is taken.
+    """
     module = method.card.target.partition(":")[0]
     options: list[Any] = [option for option in method.options if option[0] != "checkpoint"]
     options += ["by pairs"] * method.by_pairs
     return short_digest(
-        repr((STORED_VERSION, entry, method.name, options)),
-        code_digest("link.captures", module),
+        repr((STORED_VERSION, seen, method.name, options)),
+        code_digest(reader, module),
         outside_digest(module),
         checkpoint_digest(method, layout),
         *package_versions(),

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from link.captures import MANIFEST, is_window, read_manifest
+from reports.captured.door import FILMS
 from reports.captured.evidence import film_evidence
 from reports.engine.backends import Backend
 from reports.engine.digest import file_digest
@@ -54,7 +55,7 @@ def evaluate_folder(
     print(*tables, f"written: {folder.path}/predictions.jsonl, metrics.json, tables.md", sep="\n\n")
     if any("time_s" in entry for entry in entries):
         with clock.time("counting"):
-            folder.write_films(film_evidence(captures, records, folder.path, html))
+            folder.write(FILMS, film_evidence(captures, records, folder.path, html))
     if html:
         capture_evidence(folder, captures, records, USUAL, clock)
     manifest = f"manifest {file_digest([captures / MANIFEST])[:16]}"

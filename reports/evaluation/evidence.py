@@ -18,7 +18,7 @@ from reports.evaluation.findings import REFERENCES, leaders
 from reports.evaluation.response import measure_response
 from reports.evaluation.stories import Place, captured_stories, simulated_stories
 from reports.evaluation.sweeps import sweep_conditions, swept_methods
-from reports.run import SWEPT, RunFolder, SweepCurve
+from reports.run import COST, RESPONSES, STORIES, SWEEPS, SWEPT, RunFolder, SweepCurve
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ class SimulatedRun:
         conditions, curves = sweep_conditions(names, self.comparison.source, fewer, quick)
         methods = swept_methods(self.methods)
         swept = predict(conditions, methods, self.folder.path / SWEPT, backend)
-        self.folder.write_sweeps(curves)
+        self.folder.write(SWEEPS, curves)
         return Swept(conditions, curves, swept.records, swept.failed)
 
     def write_pictures(self, swept: Swept) -> None:
@@ -128,7 +128,7 @@ class SimulatedRun:
         stories = simulated_stories(
             records, places, shown, told, equalised, self.folder.path, strips, failures
         )
-        self.folder.write_stories(stories)
+        self.folder.write(STORIES, stories)
 
     def write_responses(self) -> None:
         """Measure what each method finds of the transfer function, where patches show it."""
@@ -140,12 +140,12 @@ class SimulatedRun:
             for cell in cells
             for index in range(self.amount.response_frames)
         ]
-        self.folder.write_responses([measure_response(pair, self.methods) for pair in pairs])
+        self.folder.write(RESPONSES, [measure_response(pair, self.methods) for pair in pairs])
 
     def write_cost(self) -> None:
         """Measure the time that each method takes for a frame pair."""
         source, cell = self.comparison.source, self.comparison.cells[0]
-        self.folder.write_cost(measure_cost(source, cell, self.amount.cost_rounds, self.methods))
+        self.folder.write(COST, measure_cost(source, cell, self.amount.cost_rounds, self.methods))
 
 
 def capture_evidence(
@@ -164,9 +164,10 @@ def capture_evidence(
         decoded = [str(name) for name in records["method"].unique()]
         best = leaders(records, records[:0])[:1] or decoded[-1:]
         shown = [m for m in REFERENCES if m in decoded and m not in best][:1] + best
-        folder.write_stories(
-            captured_stories(captures, records, shown, folder.path, amount.strips, amount.failures)
+        stories = captured_stories(
+            captures, records, shown, folder.path, amount.strips, amount.failures
         )
+        folder.write(STORIES, stories)
 
 
 def response_cells(cells: Sequence[Cell]) -> list[Cell]:

@@ -16,7 +16,7 @@ from reports.films import FilmSource, film_settings
 from reports.render.tables import Table, number, percent, summary_table
 from reports.run import PREDICTIONS, RunFolder
 from reports.score.accuracy import score
-from reports.score.reliability import binned_information, confidence_bins, known_scores
+from reports.score.reliability import told
 
 
 def film_conditions(
@@ -100,8 +100,8 @@ def evaluate_films(
         tables.append(summary_table(scores, title).markdown())
         tables.append(information_table(mine).markdown())
     meta = {**provenance(seed, simulated=True), "failed_cells": predicted.failed}
-    folder.finish(meta, clock.seconds, [*notes, *predicted.failed])
     folder.write_comparison(records, meta, "\n\n".join(tables))
+    folder.finish(meta, clock.seconds, [*notes, *predicted.failed])
     print(*tables, f"written: {folder.path}/predictions.jsonl, metrics.json, tables.md", sep="\n\n")
     return predicted.failed
 
@@ -114,11 +114,8 @@ def information_table(records: pd.DataFrame) -> Table:
     """
     rows = []
     for method in records["method"].unique():
-        scores, bits = known_scores(records, method)
-        read = scores != 0
-        bins = confidence_bins(scores[read], bits[read])
-        told = number(binned_information(bins, bits.size), 3)
-        rows.append([method, percent(read.mean()), told])
+        read, information = told(records, method)
+        rows.append([method, percent(read), number(information, 3)])
     title = (
         "Bits that were not erased, and the information of all in bits a block and frame pair, by "
         "how often bits of like scores are right:"

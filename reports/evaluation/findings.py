@@ -114,26 +114,18 @@ def leaders(records: pd.DataFrame, swept: pd.DataFrame) -> list[str]:
 def undecided(run: Run, method: str, ranked: Sequence[Standing]) -> list[str]:
     """Find the methods that the main comparison does not tell apart from ``method``.
 
-    Methods that decoded the same captures are compared by the paired interval, others by the
-    overlap of their intervals.
+    Methods that decoded other captures are not compared with it.
 
     Args:
         run: what was decoded.
         method: label of the method.
         ranked: standings of all methods of the run.
     """
-    mine = next(s for s in ranked if s.method == method)
     names = []
-    for other in ranked:
-        if other.method == method or other.accuracy is None:
-            continue
-        paired = compare_methods(run.records, method, other.method, _resamples(run))
-        if paired is not None:
-            same = paired.low <= 0 <= paired.high
-        else:
-            same = other.low <= mine.high and mine.low <= other.high
-        if same:
-            names.append(other.method)
+    for other in (standing.method for standing in ranked if standing.method != method):
+        paired = compare_methods(run.records, method, other, _resamples(run))
+        if paired is not None and paired.low <= 0 <= paired.high:
+            names.append(other)
     return names
 
 

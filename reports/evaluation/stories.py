@@ -19,16 +19,15 @@ from link.frames import Captured, SoftBits
 from link.images import as_rgb, write_image
 from link.layout import Layout, block_mean
 from link.types import Image
+from reports.captured.evidence import PICTURES
 from reports.captured.receive import pair_of_window
 from reports.engine.records import FRAME
 from reports.evaluation.reasons import explain, take_apart
-from reports.render.figures import GAIN, bits_panel
+from reports.render.figures import GAIN, bits_panel, difference_panel
 from reports.run import Story
 
 STRIP_WIDTH_PX = 384
 """Width of each picture of a story, pixels."""
-FOLDER = "stories"
-"""Folder of the pictures, inside the run's."""
 
 
 @dataclass(frozen=True)
@@ -322,13 +321,10 @@ def _what_the_capture_tells(
 
 def _seen(captured: Captured) -> list[tuple[str, Image]]:
     """The captured photograph with the display outlined, and the amplified difference."""
-    pair = captured.rectified()
     photo = as_rgb(captured.original).copy()
     thick = max(2, photo.shape[1] // 300)
     cv2.polylines(photo, [captured.corners.round().astype(np.int32)], True, (40, 170, 70), thick)
-    change = as_rgb(pair.embedded).astype(np.float64) - as_rgb(pair.original)
-    offset = float(np.median(change))
-    amplified = np.clip(128 + GAIN * (change - offset), 0, 255).astype(np.uint8)
+    amplified, offset = difference_panel(captured.rectified())
     note = f"difference × {GAIN:g}"
     title = f"{note}, {offset:+.0f} taken off" if offset else note
     return [("captured", photo), (title, amplified)]
@@ -356,7 +352,7 @@ def _written(
         height = round(image.shape[0] * STRIP_WIDTH_PX / image.shape[1])
         size = STRIP_WIDTH_PX, height
         small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-        name = f"{FOLDER}/{stem}_{number}.jpg"
+        name = f"{PICTURES}/{stem}_{number}.jpg"
         write_image(folder / name, np.asarray(small, np.uint8))
         written.append((name, caption))
     return written

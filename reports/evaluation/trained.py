@@ -30,8 +30,8 @@ PARITY_FRAMES = 30
 """Number of synthetic frame pairs on which torch and onnxruntime must agree after the export."""
 BEFORE = "before"
 """Label of the decoder before training, and name of the folder, in that of the run, that has it."""
-ON_PILOTS = ("naive", "oorc", "learned")
-"""Methods that the final evaluation compares on layouts with pilots."""
+FEW = ("naive", "oorc", "learned")
+"""Methods that are compared on layouts with pilots, and on own captures."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def export_and_evaluate(
         for name, layout in zip(condition_names(layouts), layouts, strict=True)
     ]
     methods = [
-        *methods_for(ON_PILOTS if layouts[0].pilots else OF_PAIRS, folder),
+        *methods_for(FEW if layouts[0].pilots else OF_PAIRS, folder),
         untrained(folder),
     ]
     model = folder / "decoder.onnx"
@@ -114,7 +114,7 @@ def evaluate_own(
         a table, and a line on what training has changed.
     """
     export(module, folder / "decoder.onnx", folder.name, PARITY_FRAMES, settings)
-    methods = [*methods_for(("naive", "oorc", "learned"), folder), untrained(folder)]
+    methods = [*methods_for(FEW, folder), untrained(folder)]
     file = folder / PREDICTIONS
     records, notes = decode_captures(captures, methods, file, Backend(), own.held_out)
     text = "\n".join([held_out_table(records, "learned"), *notes])

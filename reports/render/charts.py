@@ -10,7 +10,7 @@ import hashlib
 import io
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
@@ -126,29 +126,25 @@ class Series:
     """Measured values, from left to right."""
     colour: str = ""
     """Colour as "#rrggbb"; `colour_of` the label where it is empty."""
-    dashed: bool = False
-    """Whether the line between the points is dashed."""
     name: str = ""
     """Text in the legend; the label where it is empty."""
 
 
-def colour_of(label: str, others: Mapping[str, str] | None = None) -> str:
+def colour_of(label: str) -> str:
     """Colour of a method, which is the same in every chart and table.
 
-    >>> colour_of("oorc"), colour_of("rivaGAN", {"rivaGAN": "#b04a3a"})
-    ('#1166b0', '#b04a3a')
+    >>> colour_of("oorc")
+    '#1166b0'
 
     Args:
         label: name of a method, or any other text.
-        others: colours of labels that are no method's.
 
     Returns:
-        "#rrggbb": the colour of the method's card, that of ``others``, or a spare one.
+        "#rrggbb": the colour of the method's card, or a spare one.
     """
     if label in DECODERS:
         return DECODERS[label].colour
-    spare = SPARE_COLOURS[sum(label.encode()) % len(SPARE_COLOURS)]
-    return (others or {}).get(label, spare)
+    return SPARE_COLOURS[sum(label.encode()) % len(SPARE_COLOURS)]
 
 
 def marker_of(label: str) -> str:
@@ -163,7 +159,6 @@ def new_panels(
     count: int = 1,
     columns: int = 1,
     legend: float = LEGEND_IN,
-    size: tuple[float, float] = PANEL_IN,
     title: bool = False,
 ) -> tuple[Figure, list[Axes]]:
     """Make a figure of equal panels.
@@ -172,7 +167,6 @@ def new_panels(
         count: number of panels.
         columns: largest number of panels beside each other.
         legend: width to leave free at the right of each panel, inches.
-        size: width and height of a panel with its labels and legend, inches.
         title: whether panels have titles.
 
     Returns:
@@ -180,7 +174,7 @@ def new_panels(
     """
     columns = min(columns, count)
     rows = -(-count // columns)
-    width, height = size
+    width, height = PANEL_IN
     figure = Figure(figsize=(width * columns, height * rows))
     left, right, bottom, top = 0.65, 0.1 + legend, 0.62, 0.4 if title else 0.14
     panels = []
@@ -275,8 +269,7 @@ def draw_series(
         moved = panel.transData + ScaledTranslation(shift, 0, panel.figure.dpi_scale_trans)
         look: dict[str, Any] = {"color": colour, "clip_on": False, "transform": moved}
         heights = np.clip([p.y for p in line.points], low, high)
-        style = "--" if line.dashed else "-"
-        panel.plot([p.x for p in line.points], heights, style, **look)
+        panel.plot([p.x for p in line.points], heights, **look)
         for point, height in zip(line.points, heights, strict=True) if markers else ():
             ends = np.clip([point.low, point.high], low, high)
             panel.plot([point.x] * 2, ends, linewidth=1.1, alpha=0.75, **look)
@@ -290,7 +283,6 @@ def draw_series(
             [],
             color=line.colour or colour_of(line.label),
             marker=marker_of(line.label) if markers else "",
-            linestyle="--" if line.dashed else "-",
             label=line.name or line.label,
         )
         for line in sorted(series, key=lambda line: order.get(line.label, -1))
@@ -302,23 +294,22 @@ def draw_series(
 
 
 @in_style
-def dot_chart(series: Sequence[Series], size_in: float = PANEL_IN[0]) -> tuple[Figure, Axes]:
+def dot_chart(series: Sequence[Series]) -> tuple[Figure, Axes]:
     """Draw one row for each method: its first point along x as a dot, with its interval and note.
 
     The interval ``low`` to ``high`` and the value ``x`` lie along x; the chart does not use ``y``.
 
     Args:
         series: a line with one point for each row, from top to bottom.
-        size_in: width, inches.
 
     Returns:
         the figure, and its panel, whose x axis the caller sets.
     """
-    height = 0.34 * len(series) + 0.62
-    figure = Figure(figsize=(size_in, height))
+    width, height = PANEL_IN[0], 0.34 * len(series) + 0.62
+    figure = Figure(figsize=(width, height))
     left, right = 1.28, 0.9
     panel = figure.add_axes(
-        (left / size_in, 0.56 / height, (size_in - left - right) / size_in, 1 - 0.62 / height)
+        (left / width, 0.56 / height, (width - left - right) / width, 1 - 0.62 / height)
     )
     for row, line in enumerate(series):
         point, colour = line.points[0], line.colour or colour_of(line.label)
@@ -338,16 +329,15 @@ def dot_chart(series: Sequence[Series], size_in: float = PANEL_IN[0]) -> tuple[F
 
 
 @in_style
-def save_png(figure: Figure, path: Path, dpi: int = 110) -> None:
+def save_png(figure: Figure, path: Path) -> None:
     """Write a figure as a PNG on white, under a temporary name first; its folder is made.
 
     Args:
         figure: what was drawn.
         path: the file.
-        dpi: pixels an inch.
     """
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
+    figure.savefig(buffer, format="png", dpi=110, metadata={"Software": None})
     path.parent.mkdir(parents=True, exist_ok=True)
     write_bytes(path, buffer.getvalue())
 

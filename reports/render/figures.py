@@ -31,12 +31,23 @@ def annotate(
     Returns:
         (H, 3 W, 3) uint8 RGB, encoded, at least 384 pixels high.
     """
-    original, embedded = (as_rgb(frame) for frame in (pair.original, pair.embedded))
-    change = embedded.astype(np.float64) - original
-    change = 128 + GAIN * (change - np.median(change))
-    difference = np.clip(change, 0, 255).astype(np.uint8)
-    panels = [_enlarge(panel, pair.layout.height) for panel in (original, difference)]
+    panels = [
+        _enlarge(panel, pair.layout.height)
+        for panel in (as_rgb(pair.original), difference_panel(pair)[0])
+    ]
     return np.hstack([*panels, bits_panel(pair, soft, truth)])
+
+
+def difference_panel(pair: Observation) -> tuple[NDArray[np.uint8], float]:
+    """Amplify the difference of the rectified frames by `GAIN`, less its median.
+
+    Returns:
+        (H, W, 3) uint8 RGB, encoded, 128 where the difference is the median; and that median, gray
+        levels.
+    """
+    change = as_rgb(pair.embedded).astype(np.float64) - as_rgb(pair.original)
+    offset = float(np.median(change))
+    return np.clip(128 + GAIN * (change - offset), 0, 255).astype(np.uint8), offset
 
 
 def bits_panel(

@@ -136,6 +136,23 @@ def binned_information(bins: Sequence[Bin], bits: int) -> float:
     return said / max(1, bits)
 
 
+def told(records: pd.DataFrame, method: str) -> tuple[float, float]:
+    """Work out what a method's scores tell, by how often bits of like scores are right.
+
+    Args:
+        records: predictions, as `reports.engine.records.to_records` makes them.
+        method: label of the method, of whose bits at least one is known.
+
+    Returns:
+        the share of the known bits that were not erased, in [0, 1], and the bits of information in
+        each, erased ones included.
+    """
+    scores, bits = known_scores(records, method)
+    read = scores != 0
+    information = binned_information(confidence_bins(scores[read], bits[read]), bits.size)
+    return float(read.mean()), information
+
+
 def calibration_error(bins: Sequence[Bin]) -> float:
     """Mean |accuracy - confidence| over bins, weighted by count, in [0, 1] (Naeini et al. 2015).
 

@@ -20,7 +20,7 @@ from data_gen.frame_pair import Cell, FramePair, Source
 from link.captures import save_captures
 from link.layout import make_layout
 from reports.engine.records import to_records, write_predictions
-from reports.evaluation.findings import leaders
+from reports.evaluation.findings import leaders, standings, undecided
 from reports.evaluation.html import render
 from reports.evaluation.page import SECTIONS, write_report
 from reports.evaluation.settings import chosen_sweeps
@@ -40,7 +40,7 @@ from reports.render.charts import (
     to_svg,
 )
 from reports.render.tables import Table, TableCell
-from reports.run import CSV, PREDICTIONS, RunFolder, Story
+from reports.run import CSV, PREDICTIONS, STORIES, RunFolder, Story
 from reports.score.accuracy import score, write_scores
 from reports.score.paired import same_captures
 
@@ -380,7 +380,7 @@ def test_pictures_outside_the_run_or_missing_are_refused(
 ) -> None:
     folder = store("stories", [line("oorc", 0, 1)])
     (folder.parent / "secret.jpg").write_bytes(b"secret")
-    RunFolder(folder).write_stories([Story("strip", "title", "where", [(file, "caption")])])
+    RunFolder(folder).write(STORIES, [Story("strip", "title", "where", [(file, "caption")])])
     refuses("evaluate", ["--report", folder], file, folder=folder)
 
 
@@ -509,6 +509,15 @@ def test_methods_are_grouped_by_what_they_saw() -> None:
     assert leaders(records, swept) == ["blind", "oorc"]
     unknown = to_records([line("oorc", 0, 0, bits=[-1] * 10)])
     assert leaders(unknown, none) == []
+
+
+def test_methods_of_other_captures_are_not_held_against_each_other(store: Store) -> None:
+    frames = range(5)
+    lines = [line(method, i, 1) for method in ("oorc", "two_step") for i in frames]
+    run = RunFolder(store("unlike", [*lines, *(line("blind", i, 1, 20) for i in frames)])).read()
+    ranked = standings(run)
+    assert undecided(run, "oorc", ranked) == ["two_step"]
+    assert undecided(run, "blind", ranked) == []
 
 
 @given(st.floats(0, 1), st.floats(0, 1), st.floats(0, 1), st.booleans())
