@@ -121,6 +121,14 @@ def leaving(images: list[Image], corners: Array) -> tuple[list[Image], Array]:
     return turned, np.array([transform(H_after_from_before, each) for each in corners])
 
 
+def without_a_side(images: list[Image], corners: Array, share: float) -> tuple[list[Image], Array]:
+    """Move a film of `filmed` to the left until a share of the display's width is out of view."""
+    left, right = corners[0, [0, 3], 0].mean(), corners[0, [1, 2], 0].mean()
+    shift = np.array([[1, 0, -(left + share * (right - left))], [0, 1, 0]])
+    moved = [cv2.warpAffine(each, shift, (640, 480), borderMode=1) for each in images]
+    return moved, corners + shift[:, 2]
+
+
 TEXT = b"no marks"
 """The message of `robust_film`."""
 

@@ -168,7 +168,7 @@ def step_pair(changes: NDArray[np.intp], ratex_kappa: int | None = None) -> Obse
     """Linear capture of gray 100 whose message blocks change by these gray levels, noise-free."""
     layout = make_layout()
     picture = np.full((layout.height, layout.width), 100, np.uint8)
-    shown = embed(picture, np.zeros(layout.n_bits), layout, KAPPA, 0, ratex_kappa)
+    shown = embed(picture, np.zeros(layout.n_bits), layout, KAPPA, ratex_kappa)
     grid = np.zeros((layout.rows, layout.cols), int)
     grid[layout.message_mask] = changes
     of_pixel = np.kron(grid, np.ones((48, 64), int))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from pilot_films import FINE, filmed, leaving
+from pilot_films import FINE, filmed, leaving, without_a_side
 
 from link.clock import DisplayClock, embedded_share
 from link.layout import Layout, make_layout
@@ -119,6 +119,20 @@ def test_a_display_with_a_corner_out_of_view_is_found_as_soon_as_others() -> Non
     whole, partly = (found_in(CODED, [CODED], 60.0, 1, 40, leaves) for leaves in (False, True))
     assert partly[1].corners.min() < -35
     assert partly[0] <= whole[0] + 3  # frames, of 60 a second: a twentieth of a second
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [0.05, 0.12])
+def test_a_display_with_a_side_out_of_view_is_found(share: float) -> None:
+    """By three sides, and by pilots where the fourth is; its corners lie outside the image."""
+    images, corners = without_a_side(*filmed(CODED, 80, seed=4, hold=1), share)
+    finder = PilotSearch([CODED], 60.0)
+    for number, image in enumerate(images):
+        display = finder.push(np.repeat(image[:, :, None], 3, axis=2), number / 60.0)
+        if display is not None:
+            break
+    assert display is not None
+    assert np.abs(display.corners - corners[number]).max() < 2.0
 
 
 @pytest.mark.slow

@@ -17,9 +17,10 @@ from link.overlay import outline_display
 from link.types import Array, Image
 from models import PRETRAINED
 from receiver.locate.__main__ import main
-from receiver.locate.candidates import display_candidates
+from receiver.locate.candidates import display_candidates, leaving_quads
 from receiver.locate.find import locate
 from receiver.locate.patches import image_pyramid
+from receiver.locate.quads import BEYOND
 from receiver.locate.refine import corners_on_edges, corners_on_patches
 
 CORNER_PX = 1.5
@@ -57,6 +58,16 @@ def test_without_patches_corners_are_upright(without_patches: Image) -> None:
     upside_down = locate(np.ascontiguousarray(without_patches[::-1, ::-1]))
     there = np.roll([WIDTH - 1, HEIGHT - 1] - CORNERS, 2, axis=0)
     assert off(upside_down.corners, there) < CORNER_PX
+
+
+def test_a_display_with_a_side_outside_is_proposed_by_the_others() -> None:
+    """Its unseen side is taken to lie some way beyond the image's border."""
+    image = np.full((360, 640, 3), 30, np.uint8)
+    image[60:300, 400:] = 200
+    first = leaving_quads(image, 1)[0]
+    outside = (1 + BEYOND) * 640
+    expected = [[399.5, 59.5], [outside, 59.5], [outside, 299.5], [399.5, 299.5]]
+    np.testing.assert_allclose(first, expected, atol=2)
 
 
 def test_no_display() -> None:

@@ -81,7 +81,6 @@ async function loopOf(preset, content, { width, height }, turned, patches) {
       text.slice(pair * preset.n_bits, (pair + 1) * preset.n_bits),
     ),
     shown: new Array(pairs).fill(0),
-    changes: [],
   };
 }
 
