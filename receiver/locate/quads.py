@@ -222,8 +222,8 @@ def from_lines(gray: NDArray[np.uint8], limit: int, outside: float = SLACK) -> N
             one side may be a line outside of which nothing is seen (`BEYOND`).
 
     Returns:
-        (N, 4, 2) pixels, those first of whose sides the lines cover most, as far as these are in
-        view.
+        (N, 4, 2) pixels, those first of whose sides most is in view, and of that, lines cover
+        most.
     """
     height, width = gray.shape
     ends = segments(gray)
@@ -235,13 +235,14 @@ def from_lines(gray: NDArray[np.uint8], limit: int, outside: float = SLACK) -> N
         lines = np.concatenate([lines, _beyond(width, height)])
         covered = np.pad(covered, ((0, len(lines) - seen_lines), (0, 0)))
     t, corner, usable = _crossings(lines, width, height, outside)
-    cover = _cover(covered, np.clip(t, *_in_view(lines, width, height)))
+    seen = np.clip(t, *_in_view(lines, width, height))
+    cover = _cover(covered, seen)
     cover[seen_lines:] = 1
     long = np.abs(t[:, :, None] - t[:, None, :]) > LEAST_SIDE * np.sqrt(width * height)
     sides = usable[:, :, None] & usable[:, None, :] & (cover >= MIN_SIDE_COVER) & long
     a, b, c, d = _quadruples(sides)
-    of_quad = np.stack([a, b, c, d])
-    a, b, c, d = of_quad[:, (of_quad >= seen_lines).sum(axis=0) < 2]  # one side may be unseen
+    of_quads = np.stack([a, b, c, d])
+    a, b, c, d = of_quads[:, (of_quads >= seen_lines).sum(axis=0) < 2]  # one side may be unseen
     of_sides = [cover[a, c, d], cover[b, c, d], cover[c, a, b], cover[d, a, b]]
     mean, least = sum(of_sides) / 4, np.minimum.reduce(of_sides)
     quads = np.stack([corner[a, c], corner[a, d], corner[b, d], corner[b, c]], axis=1)
@@ -249,7 +250,8 @@ def from_lines(gray: NDArray[np.uint8], limit: int, outside: float = SLACK) -> N
     sound = (mean >= MIN_MEAN_COVER) & is_sound(quads, width, height, outside)
     if outside > SLACK:
         sound &= ~is_sound(quads, width, height)
-    quads, rank = upright(quads[sound]), (mean + least)[sound]
+    in_view = _outline(seen, a, b, c, d) / np.maximum(_outline(t, a, b, c, d), 1)
+    quads, rank = upright(quads[sound]), (mean * in_view + least)[sound]
     rank = rank + SIZE_BONUS * np.sqrt(signed_areas(quads) / (width * height))
     return quads[distinct(quads, rank, limit, SAME_PX)]
 
@@ -311,6 +313,18 @@ def _cover(covered: NDArray[np.float32], t: NDArray[np.float64]) -> NDArray[np.f
     run = np.take_along_axis(covered, index, axis=1)
     span = np.abs(t[:, :, None] - t[:, None, :])
     return np.asarray(np.abs(run[:, :, None] - run[:, None, :]) / np.maximum(span, 1))
+
+
+def _outline(
+    t: NDArray[np.float64],
+    a: NDArray[np.intp],
+    b: NDArray[np.intp],
+    c: NDArray[np.intp],
+    d: NDArray[np.intp],
+) -> NDArray[np.float64]:
+    """Measure the outlines, (N,) pixels, of quadrilaterals: lines a and b, which c and d cross."""
+    along_c_and_d = np.abs(t[c, a] - t[c, b]) + np.abs(t[d, a] - t[d, b])
+    return np.asarray(np.abs(t[a, c] - t[a, d]) + np.abs(t[b, c] - t[b, d]) + along_c_and_d)
 
 
 def _quadruples(sides: NDArray[np.bool_]) -> NDArray[np.intp]:

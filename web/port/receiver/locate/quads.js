@@ -266,7 +266,8 @@ function mergeSegments(segments, diagonal) {
  * @param {number} [outside] - distance by which corners may lie outside the image, as a share of
  *   its longer side; where it is more than `SLACK`, only quadrilaterals with a corner outside are
  *   made, and one side may be a line outside of which nothing is seen (`BEYOND`)
- * @returns {Steps<Quad[]>} those first of whose sides the lines cover most, as far as in view
+ * @returns {Steps<Quad[]>} those first of whose sides most is in view, and of that, lines cover
+ *   most
  */
 export function* lineSteps(gray, limit, outside = SLACK) {
   const lines = linesOf(gray);
@@ -378,7 +379,8 @@ function crossingLines(lines, width, height, limit, outside) {
       if (outside > SLACK && isSound(quad, width, height)) continue;
       // longer sides are less likely to be covered by chance
       const size = 0.3 * Math.sqrt(signedArea(quad) / (width * height));
-      found.push({ quad, rank: mean + Math.min(one, two, three, four) + size });
+      const inView = outline(seen, count, a, b, c, d) / Math.max(outline(along, count, a, b, c, d), 1);
+      found.push({ quad, rank: mean * inView + Math.min(one, two, three, four) + size });
     }
   }
   found.sort((one, other) => other.rank - one.rank);
@@ -423,6 +425,22 @@ function partInView(point, axis, width, height) {
     leave = Math.min(leave, Math.max(one, other));
   }
   return [enter, Math.max(enter, leave)];
+}
+
+/**
+ * Measure the outline of a quadrilateral, in pixels.
+ *
+ * @param {Float64Array} along - (lines, lines) where the second line crosses the first, in pixels
+ * @param {number} count - of lines
+ * @param {number} a - one line, and another
+ * @param {number} b
+ * @param {number} c - a line that crosses both, and another
+ * @param {number} d
+ */
+function outline(along, count, a, b, c, d) {
+  const side = (/** @type {number} */ i, /** @type {number} */ j, /** @type {number} */ k) =>
+    Math.abs(along[i * count + j] - along[i * count + k]);
+  return side(a, c, d) + side(b, c, d) + side(c, a, b) + side(d, a, b);
 }
 
 /** @param {Quad} quad */
