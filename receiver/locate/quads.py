@@ -238,20 +238,23 @@ def from_lines(gray: NDArray[np.uint8], limit: int, outside: float = SLACK) -> N
     seen = np.clip(t, *_in_view(lines, width, height))
     cover = _cover(covered, seen)
     cover[seen_lines:] = 1
-    long = np.abs(t[:, :, None] - t[:, None, :]) > LEAST_SIDE * np.sqrt(width * height)
+    whole, in_view = (np.abs(x[:, :, None] - x[:, None, :]) for x in (t, seen))  # (M, M, M) pixels
+    long = whole > LEAST_SIDE * np.sqrt(width * height)
     sides = usable[:, :, None] & usable[:, None, :] & (cover >= MIN_SIDE_COVER) & long
     a, b, c, d = _quadruples(sides)
     of_quads = np.stack([a, b, c, d])
     a, b, c, d = of_quads[:, (of_quads >= seen_lines).sum(axis=0) < 2]  # one side may be unseen
-    of_sides = [cover[a, c, d], cover[b, c, d], cover[c, a, b], cover[d, a, b]]
-    mean, least = sum(of_sides) / 4, np.minimum.reduce(of_sides)
+    of_sides = (a, c, d), (b, c, d), (c, a, b), (d, a, b)
+    covers = [cover[side] for side in of_sides]
+    mean, least = sum(covers) / 4, np.minimum.reduce(covers)
     quads = np.stack([corner[a, c], corner[a, d], corner[b, d], corner[b, c]], axis=1)
     quads = np.where(signed_areas(quads)[:, None, None] < 0, quads[:, ::-1], quads)
     sound = (mean >= MIN_MEAN_COVER) & is_sound(quads, width, height, outside)
     if outside > SLACK:
         sound &= ~is_sound(quads, width, height)
-    in_view = _outline(seen, a, b, c, d) / np.maximum(_outline(t, a, b, c, d), 1)
-    quads, rank = upright(quads[sound]), (mean * in_view + least)[sound]
+    outline, outline_in_view = (sum(each[side] for side in of_sides) for each in (whole, in_view))
+    share = outline_in_view / np.maximum(outline, 1)
+    quads, rank = upright(quads[sound]), (mean * share + least)[sound]
     rank = rank + SIZE_BONUS * np.sqrt(signed_areas(quads) / (width * height))
     return quads[distinct(quads, rank, limit, SAME_PX)]
 
@@ -280,7 +283,8 @@ def _crossings(
 def _beyond(width: int, height: int) -> NDArray[np.float64]:
     """Make four lines, (4, 4), that stand for a side of which nothing is seen.
 
-    They run along the image's borders, `BEYOND` them; a line is a point and a direction.
+    They are parallel to the image's borders, `BEYOND` outside of them. A line is a point and a
+    direction.
     """
     x, y, out = width / 2, height / 2, BEYOND * max(width, height)
     above, below = [x, -out, 1, 0], [x, height + out, 1, 0]
@@ -293,9 +297,8 @@ def _in_view(
     """Find where (M, 4) lines enter and leave the image, (M, 1) pixels from their points each."""
     point, axis = lines[:, :2], lines[:, 2:]
     safe = np.where(np.abs(axis) < 1e-9, 1e-9, axis)
-    borders = (
-        np.stack([-0.5 - point, [width - 0.5, height - 0.5] - point]) / safe
-    )  # (2, M, x and y)
+    last = np.array([width, height]) - 0.5
+    borders = np.stack([-0.5 - point, last - point]) / safe  # (2, M, x and y)
     enter, leave = borders.min(axis=0).max(axis=1), borders.max(axis=0).min(axis=1)
     return enter[:, None], np.maximum(enter, leave)[:, None]
 
@@ -313,18 +316,6 @@ def _cover(covered: NDArray[np.float32], t: NDArray[np.float64]) -> NDArray[np.f
     run = np.take_along_axis(covered, index, axis=1)
     span = np.abs(t[:, :, None] - t[:, None, :])
     return np.asarray(np.abs(run[:, :, None] - run[:, None, :]) / np.maximum(span, 1))
-
-
-def _outline(
-    t: NDArray[np.float64],
-    a: NDArray[np.intp],
-    b: NDArray[np.intp],
-    c: NDArray[np.intp],
-    d: NDArray[np.intp],
-) -> NDArray[np.float64]:
-    """Measure the outlines, (N,) pixels, of quadrilaterals: lines a and b, which c and d cross."""
-    along_c_and_d = np.abs(t[c, a] - t[c, b]) + np.abs(t[d, a] - t[d, b])
-    return np.asarray(np.abs(t[a, c] - t[a, d]) + np.abs(t[b, c] - t[b, d]) + along_c_and_d)
 
 
 def _quadruples(sides: NDArray[np.bool_]) -> NDArray[np.intp]:

@@ -298,7 +298,7 @@ function crossingLines(lines, width, height, limit, outside) {
   const point = [...lines.point, ...beyond.map((line) => line.point)];
   const axis = [...lines.axis, ...beyond.map((line) => line.axis)];
   const count = point.length;
-  const inView = point.map((place, i) => partInView(place, axis[i], width, height));
+  const parts = point.map((place, i) => partInView(place, axis[i], width, height));
   const slack = outside * Math.hypot(width, height);
   // where line j crosses line i: pixels along i, those in view, the covered length, and the place
   const along = new Float64Array(count * count);
@@ -326,7 +326,7 @@ function crossingLines(lines, width, height, limit, outside) {
           place[0] <= width + slack &&
           place[1] <= height + slack,
       );
-      seen[at] = Math.min(Math.max(t, inView[i][0]), inView[i][1]);
+      seen[at] = Math.min(Math.max(t, parts[i][0]), parts[i][1]);
       if (i >= seenLines) continue;
       const near = Math.round(Math.max(-half, Math.min(half, seen[at]))) + half;
       run[at] = covered[i * 2 * half + Math.max(0, Math.min(2 * half - 1, near))];
@@ -345,8 +345,8 @@ function crossingLines(lines, width, height, limit, outside) {
       const [one, other] = [i * count + k, i * count + m];
       if (!usable[one] || !usable[other]) return;
       const span = Math.abs(along[one] - along[other]);
-      const share =
-        i < seenLines ? Math.abs(run[one] - run[other]) / Math.max(Math.abs(seen[one] - seen[other]), 1) : 1;
+      const inView = Math.max(Math.abs(seen[one] - seen[other]), 1);
+      const share = i < seenLines ? Math.abs(run[one] - run[other]) / inView : 1;
       if (!(span > shortest && share >= MIN_SIDE_COVER)) return;
       cover[i * pairs.length + p] = share;
       sides[i].push(p);
@@ -362,8 +362,8 @@ function crossingLines(lines, width, height, limit, outside) {
       const two = cover[ofB + p];
       if (p <= q || two === 0) continue;
       const [c, d] = pairs[p];
-      // one side may be unseen
-      if ([a, b, c, d].filter((line) => line >= seenLines).length > 1) continue;
+      // one side may be unseen; the first line of a pair comes before the other
+      if (a >= seenLines || c >= seenLines || (b >= seenLines && d >= seenLines)) continue;
       const three = cover[c * pairs.length + q];
       const four = cover[d * pairs.length + q];
       if (three === 0 || four === 0) continue;
@@ -379,7 +379,8 @@ function crossingLines(lines, width, height, limit, outside) {
       if (outside > SLACK && isSound(quad, width, height)) continue;
       // longer sides are less likely to be covered by chance
       const size = 0.3 * Math.sqrt(signedArea(quad) / (width * height));
-      const inView = outline(seen, count, a, b, c, d) / Math.max(outline(along, count, a, b, c, d), 1);
+      const whole = Math.max(outline(along, count, a, b, c, d), 1);
+      const inView = outline(seen, count, a, b, c, d) / whole;
       found.push({ quad, rank: mean * inView + Math.min(one, two, three, four) + size });
     }
   }
