@@ -109,6 +109,20 @@ def weigh(
     return find_toggling(values, proposal.layout, positions(frames), fps)
 
 
+def shift_of_parts(
+    proposal: Proposal, views: NDArray[np.float32], at: Sequence[float]
+) -> tuple[Array, int] | None:
+    """Find where the parts of a proposal lie that toggle as it says, as `coarse_shift` returns it.
+
+    Args:
+        proposal: where a display may be, and how it may toggle.
+        views: (T, h, w) maps of it in frames.
+        at: (T,) positions of the frames.
+    """
+    line = proposal.toggling.amplitudes(over_deviation(views), at)
+    return coarse_shift(line, expected_changes(proposal.layout), proposal.layout)
+
+
 class Proposer:
     """Proposes where the display may be in a film, and what it may show.
 
@@ -271,8 +285,7 @@ class Proposer:
         """Move corners that were fitted from far once more, in frames at these positions."""
         layout, places = proposal.layout, self._watch.places(proposal.corners)
         views = self._watch.map.views(places, *COARSE_SIZE)[: len(at)].astype(np.float32)
-        line = proposal.toggling.amplitudes(over_deviation(views), at)
-        fit = coarse_shift(line, expected_changes(layout), layout)
+        fit = shift_of_parts(proposal, views, at)
         if fit is None:
             return proposal
         return replace(proposal, corners=moved_corners(proposal.corners, fit[0], layout))
