@@ -21,7 +21,7 @@ from link.cli import Parser, add_pixel_limit, check_flags, run_cli
 from link.errors import InputError, ParameterError
 from link.frames import Captured, SoftBits, check_same_size
 from link.geometry import as_corners
-from link.images import as_batch, read_image
+from link.images import as_batch
 from link.layout import MIN_BLOCK_PX, Layout
 from link.observation import Observation
 from link.outside import is_file, parse_json, read_bounded
@@ -430,6 +430,8 @@ def parse_corners(points: list[str] | None, flag: str) -> Corners | None:
 
 def main() -> None:
     """Decode two captured images and print bits and scores as JSON."""
+    from link.images.files import read_image  # needs Pillow, which the packed receiver lacks
+
     parser = Parser(prog="python -m export.runtime", description=main.__doc__)
     parser.add_argument("model", type=find_graph, help="an .onnx file, or a preset's name")
     parser.add_argument("original", type=Path, help="image of the original frame")

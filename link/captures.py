@@ -17,7 +17,8 @@ from link.errors import InputError
 from link.files.together import written_together
 from link.frames import Captured
 from link.geometry import as_corners
-from link.images import read_image, write_bytes, write_image
+from link.images import write_bytes, write_image
+from link.images.files import read_image
 from link.layout import Layout
 from link.observation import Mixture, Observation
 from link.outside import inside, is_file, read_json_lines

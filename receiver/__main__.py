@@ -18,7 +18,8 @@ from link.cli import Parser, add_pixel_limit, check_flags, read_size, run_cli
 from link.code.authenticate import Verifier, read_key
 from link.errors import InputError, ParameterError, at_least
 from link.frames import check_same_size
-from link.images import make_folder, read_image, write_bytes, write_image
+from link.images import make_folder, write_bytes, write_image
+from link.images.files import read_image
 from link.outside import is_no_file
 from link.presets import preset_name
 from models import find_graph

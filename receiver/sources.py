@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.errors import InputError
-from link.images import image_files, pixel_limit, read_image
+from link.images import image_files, pixel_limit
+from link.images.files import read_image
 from link.images.video import DEFAULT_FPS, VideoReader, check_fps
 from link.outside import is_file
 from receiver.cameras import SCHEMES, Camera

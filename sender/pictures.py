@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from PIL import Image, ImageCms
 
 from link.errors import InputError, ParameterError
-from link.images import IMAGE_SUFFIXES, image_files, read_picture
+from link.images import IMAGE_SUFFIXES, image_files
+from link.images.files import Picture, read_picture
 from link.images.video import VideoReader
 from link.loop import Pictures
 from link.outside import is_file
@@ -56,8 +57,8 @@ def open_pictures(
     noted: set[Path] = set()
 
     def read(path: Path) -> NDArray[np.uint8]:
-        picture, see_through = read_picture(path, max_megapixels)
-        if see_through and not noted:
+        picture = read_picture(path, max_megapixels)
+        if picture.see_through and not noted:
             print(f"note: {path}: what is transparent is shown as white", file=sys.stderr)
             noted.add(path)
         return as_srgb(path, picture)
@@ -80,33 +81,32 @@ def open_pictures(
     return partial(_in_time, source, max_megapixels, state_hz)
 
 
-def as_srgb(path: Path, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def as_srgb(path: Path, picture: Picture) -> NDArray[np.uint8]:
     """Convert a picture from the colours of the profile in its file, such as Display P3, to sRGB.
 
     Args:
         path: the picture's file.
-        picture: what it holds, (H, W, 3) uint8, encoded RGB.
+        picture: what it holds.
 
     Returns:
-        the picture, as it is where the file has no profile, or that of sRGB. A profile that is
-        damaged, or is not for RGB, counts as none, and is told on stderr.
+        (H, W, 3) uint8, encoded sRGB: the picture as it is where its file has no profile, or that
+        of sRGB. A profile that is damaged, or is not for RGB, counts as none, and is told on
+        stderr.
     """
+    if not picture.profile:
+        return picture.rgb
     try:
-        with Image.open(path) as file:
-            given = file.info.get("icc_profile")
-        if not given:
-            return picture
-        profile = ImageCms.ImageCmsProfile(BytesIO(given))
+        profile = ImageCms.ImageCmsProfile(BytesIO(picture.profile))
         if profile.profile.xcolor_space.strip() == "GRAY":
-            return picture
+            return picture.rgb
         if "sRGB" in (profile.profile.profile_description or ""):
-            return picture
+            return picture.rgb
         shown = ImageCms.profileToProfile(
-            Image.fromarray(picture), profile, ImageCms.createProfile("sRGB")
+            Image.fromarray(picture.rgb), profile, ImageCms.createProfile("sRGB")
         )
-    except (OSError, ValueError, SyntaxError, ImageCms.PyCMSError, Image.DecompressionBombError):
+    except (OSError, ValueError, ImageCms.PyCMSError):
         print(f"note: {path}: its colour profile cannot be used; taken as sRGB", file=sys.stderr)
-        return picture
+        return picture.rgb
     return np.asarray(shown, np.uint8)
 
 

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from data_gen.pictures.drawings import draw_picture
 from link.errors import InputError, choose
-from link.images import MIN_SIDE_PX, fit_picture, image_files, read_image
+from link.images import MIN_SIDE_PX, fit_picture, image_files
+from link.images.files import read_image
 from link.images.video import VideoReader
 from link.outside import is_file
 

@@ -1,4 +1,4 @@
-"""Read and write images: RGB arrays inside, and one clear line when a file is no good."""
+"""Images as arrays, and how they are written; `link.images.files` reads them."""
 
 import math
 import os
@@ -11,16 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.errors import InputError, ParameterError
-from link.images.size import (
-    ends_early,
-    image_size,
-    is_animated,
-    is_overfull,
-    may_be_transparent,
-    orientation,
-    unread_kind,
-)
-from link.outside import is_file, is_no_file, read_bounded
+from link.outside import is_file, is_no_file
 from link.types import Image
 
 MIN_SIDE_PX = 16
@@ -30,18 +21,10 @@ MAX_MEGAPIXELS = 50.0
 `MEGAPIXELS_VARIABLE` says otherwise."""
 MEGAPIXELS_VARIABLE = "OORC_MAX_MEGAPIXELS"
 """Name of the environment variable that holds another limit in place of `MAX_MEGAPIXELS`."""
-BYTES_PER_PIXEL = 8
-"""Largest size of a stored pixel, in bytes: four channels of 16 bits, without compression."""
-SPARE_BYTES = 2**24
-"""Largest size, in bytes, of what an image file may hold beside its pixels, such as a profile."""
 MAX_NAME_BYTES = 255
 """Largest length, in bytes, of a file's name on the usual file systems."""
-AXES_TO_FLIP: dict[int, tuple[int, ...]] = {
-    **{1: (), 2: (1,), 3: (0, 1), 4: (0,)},
-    **{5: (), 6: (1,), 7: (0, 1), 8: (0,)},
-}
-"""Axes along which a stored image is mirrored, by its EXIF orientation; from 5 on it is transposed
-before."""
+UNREAD_BRANDS = {b"heic": "HEIC", b"heix": "HEIC", b"mif1": "HEIC", b"avif": "AVIF"}
+"""By the brand in a file's first bytes, kinds of pictures that are not read."""
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 """Endings, in lower case, of the files that count as images where a folder is listed."""
 LUMA = (0.299, 0.587, 0.114)
@@ -122,63 +105,6 @@ def check_pixels(width: int, height: int, where: Path | str, limit: int) -> None
         )
 
 
-def read_image(path: Path | str, max_megapixels: float | None = None) -> NDArray[np.uint8]:
-    """Read an image file as encoded RGB, as `read_picture` does."""
-    return read_picture(path, max_megapixels)[0]
-
-
-def read_picture(
-    path: Path | str, max_megapixels: float | None = None
-) -> tuple[NDArray[np.uint8], bool]:
-    """Read an image file as encoded RGB, and say whether parts of it are transparent.
-
-    What is transparent in a PNG or WebP file is laid on white. 16-bit files are reduced to 8 bits,
-    gray files repeated over three channels, and the EXIF orientation is applied. The size is read
-    from the header before any pixel is decoded.
-
-    Args:
-        path: a PNG, JPEG, TIFF, BMP or WebP file.
-        max_megapixels: largest number of pixels, in millions; see `pixel_limit`.
-
-    Returns:
-        (H, W, 3) uint8, encoded, RGB, and whether white shows through.
-
-    Raises:
-        InputError: the file is missing, is not an image or an animated one, has too many pixels, or
-            is smaller than 16 x 16.
-    """
-    path, limit = Path(path), pixel_limit(max_megapixels)
-    if not is_file(path):
-        raise InputError(f"{path}: no such image file; check the path")
-    data = read_bounded(path, BYTES_PER_PIXEL * limit + SPARE_BYTES)
-    check_kind(path, data)
-    if ends_early(data):
-        raise InputError(f"{path}: not a readable image: it is cut off; copy it again")
-    if is_animated(data):
-        raise InputError(f"{path}: an animation; save one picture of it, or all as GIF or video")
-    size = image_size(data)
-    image, see_through = None, False
-    if size is not None:
-        check_pixels(*size, path, limit)
-        if is_overfull(data, *size):
-            raise InputError(
-                f"{path}: not a readable image: it holds more than an image of {size[0]}x{size[1]} "
-                "has; save it again"
-            )
-        try:
-            image, see_through = _decoded(data)
-        except cv2.error:
-            image = None
-    if image is None:
-        raise InputError(f"{path}: not a readable image; give a PNG, JPEG, TIFF, BMP or WebP file")
-    height, width = image.shape[:2]
-    if min(height, width) < MIN_SIDE_PX:
-        raise InputError(
-            f"{path}: image is {width}x{height}, need at least {MIN_SIDE_PX}x{MIN_SIDE_PX} pixels"
-        )
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8), see_through
-
-
 def check_kind(path: Path | str, data: bytes) -> None:
     """Raise an `InputError` where a file's first bytes are those of a kind that is not read."""
     kind = unread_kind(data)
@@ -186,32 +112,16 @@ def check_kind(path: Path | str, data: bytes) -> None:
         raise InputError(f"{path}: {kind} is not read; save it as JPEG or PNG")
 
 
-def _decoded(data: bytes) -> tuple[NDArray[np.uint8] | None, bool]:
-    """Decode an image file, as a viewer shows it on white.
+def unread_kind(data: bytes) -> str | None:
+    """Name the kind of a picture that is not read: HEIC, AVIF or SVG; None for all else.
 
-    Returns:
-        (H, W, 3) uint8 as OpenCV orders colours, or None where it cannot be read; and whether
-        white shows through.
+    >>> unread_kind(bytes(4) + b"ftypheic"), unread_kind(b"<svg/>"), unread_kind(b"GIF89a")
+    ('HEIC', 'SVG', None)
     """
-    encoded, lies = np.frombuffer(data, np.uint8), orientation(data)
-    whole = cv2.imdecode(encoded, cv2.IMREAD_UNCHANGED) if may_be_transparent(data) else None
-    if whole is not None and whole.ndim == 3 and whole.shape[2] == 4:
-        most = np.iinfo(whole.dtype).max
-        alpha, image = whole[:, :, 3], (whole[:, :, :3] // (most // 255)).astype(np.uint8)
-        seen = alpha < most
-        covers = alpha[seen, None].astype(np.float32) / most
-        image[seen] = np.rint(255 + covers * (image[seen].astype(np.float32) - 255))
-        return _turned(image, lies or 1), bool(seen.any())
-    if lies is None:
-        return cv2.imdecode(encoded, cv2.IMREAD_COLOR), False
-    image = cv2.imdecode(encoded, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
-    return None if image is None else _turned(image, lies), False
-
-
-def _turned(image: NDArray[np.uint8], lies: int) -> NDArray[np.uint8]:
-    """Turn and mirror a stored image as its EXIF orientation, 1 to 8, says."""
-    upright = image.swapaxes(0, 1) if lies > 4 else image
-    return np.ascontiguousarray(np.flip(upright, AXES_TO_FLIP[lies]))
+    if data[4:8] == b"ftyp":
+        return UNREAD_BRANDS.get(data[8:12])
+    begins = data[:1000].removeprefix(b"\xef\xbb\xbf").lstrip()
+    return "SVG" if begins.startswith(b"<") and b"<svg" in begins else None
 
 
 def as_rgb(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:

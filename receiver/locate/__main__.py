@@ -10,7 +10,8 @@ from typing import Any
 
 from link.cli import Parser, add_pixel_limit, check_flags, print_error, run_cli
 from link.errors import InputError
-from link.images import pixel_limit, read_image, write_image
+from link.images import pixel_limit, write_image
+from link.images.files import read_image
 from link.layout import Layout, read_layout
 from link.overlay import outline_display
 from models import find_graph

@@ -18,7 +18,8 @@ from tqdm import tqdm
 from link.captures import MANIFEST, KnownWindow, is_window, read_manifest, save_captures
 from link.errors import InputError
 from link.frames import Captured
-from link.images import image_files, read_image, write_bytes
+from link.images import image_files, write_bytes
+from link.images.files import read_image
 from link.layout import Layout
 from link.observation import Observation
 from link.outside import is_file

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from link.embed import check_kappa
 from link.errors import InputError
-from link.images import intensity, read_image
+from link.images import intensity
+from link.images.files import read_image
 from link.layout import Layout, block_mean
 from link.outside import is_file, parse_json, read_bounded, read_json
 from link.presets import PRESETS

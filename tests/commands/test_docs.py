@@ -11,7 +11,8 @@ from conftest import ROOT, run_process
 
 from lab.__main__ import STUDIES
 from link import __version__
-from link.images import read_image, write_image
+from link.images import write_image
+from link.images.files import read_image
 
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"\]\(((?!https?:)[^)\s]+)\)")

@@ -23,7 +23,8 @@ from link.cli import run_cli
 from link.errors import InputError
 from link.frames import Captured
 from link.geometry import frame_corners
-from link.images import read_image, write_image
+from link.images import write_image
+from link.images.files import read_image
 from link.layout import MAX_BLOCKS, MAX_PIXELS, Layout, make_layout
 from link.outside import parse_json
 from link.types import Image

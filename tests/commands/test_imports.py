@@ -31,7 +31,7 @@ MAY_IMPORT = {
     "train": {"reports", "receiver", "sender", "export", "models", "data_gen", "link"},
     "evaluate": {"reports", "receiver", "sender", "export", "models", "data_gen", "link"},
 }
-MINIMAL = {"numpy", "cv2", "onnxruntime", "filelock"}
+MINIMAL = {"numpy", "cv2", "onnxruntime", "filelock", "PIL"}
 """All that sender and receiver may need, beside the standard library."""
 LEANS_ON_ANOTHER = re.compile(r"(Of|The same|As of|As in|See|Those|That of)\b")
 LAB_ONLY = ["torch", "kornia", "sklearn", "skimage", "scipy", "onnx", "joblib", "tyro", "tqdm"]

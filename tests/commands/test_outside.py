@@ -16,7 +16,8 @@ from export.runtime import MAX_MEMORY_BYTES, MAX_MODEL_BYTES, TIME_LIMIT_S
 from export.watchdog import GRACE_S
 from link import cli, images, layout, outside
 from link.errors import InputError, ParameterError
-from link.images import read_image, size, write_bytes
+from link.images import files, write_bytes
+from link.images.files import read_image
 from link.images.video import VideoReader
 from link.layout import Layout, make_layout
 from link.outside import inside, parse_json, read_bounded, read_json
@@ -207,8 +208,7 @@ def test_the_page_on_security_states_the_limits_of_the_code() -> None:
         f"frame of a video | {images.MAX_MEGAPIXELS:g} megapixels; `--max-megapixels` or "
         f"`{images.MEGAPIXELS_VARIABLE}`",
         f"and its pixels | {layout.MAX_SIDE_PX}, and {layout.MAX_PIXELS / 1e6:g} million |",
-        f"scans of a JPEG | {size.MAX_SCANS} |",
-        f"a pixel of a PNG | {size.MAX_PIXEL_BYTES} |",
+        f"scans of a JPEG | {files.MAX_SCANS} |",
         f"blocks of a layout | {layout.MAX_BLOCKS:,} |",
         f"its nodes and its fields | {MAX_MODEL_BYTES / mib:g} MiB, {MAX_NODES:,} and "
         f"{MAX_FIELDS:,} |",

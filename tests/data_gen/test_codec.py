@@ -16,7 +16,7 @@ from data_gen.film.codec import CodecSettings, through_codec, write_film
 from data_gen.film.frame import VideoFrame
 from data_gen.video import main
 from link.errors import InputError
-from link.images import read_image
+from link.images.files import read_image
 from link.images.video import read_video
 from link.types import Image
 

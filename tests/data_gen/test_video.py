@@ -21,7 +21,7 @@ from data_gen.pairs import get_pair
 from data_gen.parameters import Pair
 from data_gen.video import main
 from link.geometry import frame_corners, transform
-from link.images import read_image
+from link.images.files import read_image
 from link.images.video import read_video
 from link.types import Array, Image
 

@@ -17,8 +17,8 @@ from link.captures import MANIFEST, load_capture, read_manifest, save_captures
 from link.errors import InputError
 from link.frames import Captured
 from link.geometry import frame_corners
-from link.images import read_image, write_bytes, write_image
-from link.images.size import image_size
+from link.images import write_bytes, write_image
+from link.images.files import read_image
 from link.layout import make_layout
 
 LAYOUT = make_layout(4, 4, 64, 48, ratex=2)
@@ -357,7 +357,7 @@ def test_an_end_inside_a_jpegs_thumbnail_is_not_its_end(tmp_path: Path) -> None:
     file.write_bytes(data[:2] + thumbnail + data[2:])
     assert read_image(file).shape == UNKNOWN.original.shape
     file.write_bytes(data[:2] + thumbnail + data[2:-200])
-    with pytest.raises(InputError, match="it is cut off"):
+    with pytest.raises(InputError, match="damaged or cut off"):
         read_image(file)
 
 
@@ -375,7 +375,7 @@ def black_png(side: int) -> bytes:
 READ_IN_LITTLE_MEMORY = """
 import resource, sys
 from link.errors import InputError
-from link.images import read_image
+from link.images.files import read_image
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 try:
     read_image(sys.argv[1])
@@ -406,7 +406,7 @@ def test_an_image_that_holds_more_than_its_pixels_is_refused(tmp_path: Path) -> 
         + struct.pack(">I", len(after)) + chunk + struct.pack(">I", zlib.crc32(chunk))
         + plain[end:]
     )  # fmt: skip
-    with pytest.raises(InputError, match="holds more than an image of 32x32 has"):
+    with pytest.raises(InputError, match="damaged or cut off"):
         read_image(file)
     progressive = cv2.imencode(".jpg", gray, [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1].tobytes()
     scan = progressive[progressive.rindex(b"\xff\xda") : -2]
@@ -414,7 +414,7 @@ def test_an_image_that_holds_more_than_its_pixels_is_refused(tmp_path: Path) -> 
     file.write_bytes(progressive)
     assert read_image(file).shape == (64, 64, 3)
     file.write_bytes(progressive[:-2] + scan * 100 + progressive[-2:])
-    with pytest.raises(InputError, match="holds more than an image of 64x64 has"):
+    with pytest.raises(InputError, match="it has more than 100 scans"):
         read_image(file)
 
 
@@ -452,10 +452,14 @@ def test_the_header_tells_the_size_before_any_pixel_is_decoded(
     file = tmp_path / f"picture{suffix}"
     noise = np.random.default_rng(5).integers(0, 256, (size[1], size[0], 3), np.uint8)
     Image.fromarray(noise).save(file, **options)
-    assert image_size(file.read_bytes()) == size
     assert read_image(file).shape == noise.shape
-    for length in range(64):  # a header that ends early tells nothing, or the size
-        assert image_size(file.read_bytes()[:length]) in (None, size)
+    with pytest.raises(InputError, match=f"{size[0]}x{size[1]}, more than"):
+        read_image(file, max_megapixels=1e-4)
+    whole = file.read_bytes()
+    for length in range(0, 64, 3):
+        file.write_bytes(whole[:length])
+        with pytest.raises(InputError, match="not a readable image"):
+            read_image(file)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg"])
@@ -465,17 +469,16 @@ def test_an_image_file_that_is_cut_off_is_refused(tmp_path: Path, suffix: str) -
     write_image(file, rng.integers(0, 256, (64, 64, 3), dtype=np.uint8))
     assert read_image(file).shape == (64, 64, 3)
     file.write_bytes(file.read_bytes()[:-200])
-    with pytest.raises(InputError, match=f"cut{suffix}: not a readable image: it is cut off"):
+    with pytest.raises(InputError, match=f"cut{suffix}: not .* damaged or cut off"):
         read_image(file)
 
 
 def test_a_part_of_a_png_that_is_longer_than_the_file_is_refused(tmp_path: Path) -> None:
-    """OpenCV would take two gigabytes for it before it looks at what is there."""
     file = tmp_path / "long.png"
     write_image(file, UNKNOWN.original)
     data = bytearray(file.read_bytes())
     at = data.index(b"IDAT") - 4
     data[at : at + 4] = (2**31 - 1).to_bytes(4, "big")
     file.write_bytes(data)
-    with pytest.raises(InputError, match="it is cut off"):
+    with pytest.raises(InputError, match="damaged or cut off"):
         read_image(file)

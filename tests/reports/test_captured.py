@@ -19,7 +19,8 @@ from link.captures import read_manifest
 from link.embed import embed
 from link.errors import InputError
 from link.frames import Captured
-from link.images import read_image, write_image
+from link.images import write_image
+from link.images.files import read_image
 from link.layout import Layout, make_layout
 from link.observation import Observation
 from link.presets import PRESETS

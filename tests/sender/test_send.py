@@ -30,7 +30,8 @@ from link.code.authenticate import sign, verify
 from link.code.collect import make_collector
 from link.embed import with_head_room
 from link.errors import InputError
-from link.images import fit_picture, read_image, write_image
+from link.images import fit_picture, write_image
+from link.images.files import read_image
 from link.images.video import read_video, write_video
 from link.layout import MODULATIONS, Layout, make_layout
 from link.loop import Loop

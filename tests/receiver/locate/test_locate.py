@@ -11,7 +11,8 @@ from drawn_scenes import CORNERS, HEIGHT, LAYOUT, PLAIN, WIDTH, content, room, s
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from link.images import as_gray, read_image, write_image
+from link.images import as_gray, write_image
+from link.images.files import read_image
 from link.layout import Layout
 from link.overlay import outline_display
 from link.types import Array, Image

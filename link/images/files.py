@@ -1,0 +1,120 @@
+"""Read image files, with Pillow: RGB arrays inside, and one clear line when a file is no good.
+
+Files may come from strangers. Pillow tells the size before it decodes a pixel, and stops at the
+last row; what it does not bound, the scans of a JPEG file, is bounded here.
+"""
+
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from warnings import catch_warnings
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageOps, UnidentifiedImageError
+
+from link.errors import InputError
+from link.images import MIN_SIDE_PX, check_kind, check_pixels, pixel_limit
+from link.outside import is_file, read_bounded
+
+Image.MAX_IMAGE_PIXELS = None  # `check_pixels` is stricter, and says what to do
+KINDS = ("PNG", "JPEG", "TIFF", "BMP", "WEBP")
+"""Kinds of files that are read, by Pillow's names; those of `link.images.IMAGE_SUFFIXES`."""
+BYTES_PER_PIXEL = 8
+"""Largest size of a stored pixel, in bytes: four channels of 16 bits, without compression."""
+SPARE_BYTES = 2**24
+"""Largest size, in bytes, of what an image file may hold beside its pixels, such as a profile."""
+START_OF_SCAN, END_OF_IMAGE = b"\xff\xda", b"\xff\xd9"
+"""Markers of JPEG before compressed pixels, and at the end; pixels hold neither."""
+MAX_SCANS = 100
+"""Largest number of scans of a JPEG file. Each scan passes over all pixels; usual are 1 to 12, and
+a file of 1 MB could hold ten thousand."""
+DEEP_MODES = ("I;16", "I;16B", "I;16L", "I;16N", "I")
+"""Pillow's names of gray pixels of 16 bits."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """What an image file holds."""
+
+    rgb: NDArray[np.uint8]
+    """(H, W, 3) uint8, encoded RGB, upright, laid on white."""
+    see_through: bool
+    """Whether white shows through."""
+    profile: bytes | None
+    """The ICC profile of its colours, if the file has one."""
+
+
+def read_image(path: Path | str, max_megapixels: float | None = None) -> NDArray[np.uint8]:
+    """Read an image file as encoded RGB, as `read_picture` does."""
+    return read_picture(path, max_megapixels).rgb
+
+
+def read_picture(path: Path | str, max_megapixels: float | None = None) -> Picture:
+    """Read an image file as encoded RGB, with what is special about it.
+
+    What is transparent is laid on white. 16-bit files are reduced to 8 bits, gray files repeated
+    over three channels, and the EXIF orientation is applied. The size is read from the header
+    before any pixel is decoded.
+
+    Args:
+        path: a PNG, JPEG, TIFF, BMP or WebP file.
+        max_megapixels: largest number of pixels, in millions; see `link.images.pixel_limit`.
+
+    Raises:
+        InputError: the file is missing, is not an image or an animated one, has too many pixels, or
+            is smaller than 16 x 16.
+    """
+    path, limit = Path(path), pixel_limit(max_megapixels)
+    if not is_file(path):
+        raise InputError(f"{path}: no such image file; check the path")
+    data = read_bounded(path, BYTES_PER_PIXEL * limit + SPARE_BYTES)
+    check_kind(path, data)
+    try:
+        with catch_warnings(action="ignore"), Image.open(BytesIO(data), formats=KINDS) as file:
+            check_pixels(*file.size, path, limit)
+            if file.format in ("PNG", "WEBP") and getattr(file, "is_animated", False):
+                raise InputError(
+                    f"{path}: an animation; save one picture of it, or all as GIF or video"
+                )
+            if file.format in ("JPEG", "MPO") and file.fp is not None:
+                _check_scans(path, data[file.fp.tell() :])
+            profile = file.info.get("icc_profile")
+            rgb, see_through = _on_white(ImageOps.exif_transpose(file))
+    except UnidentifiedImageError:
+        raise InputError(
+            f"{path}: not a readable image; give a PNG, JPEG, TIFF, BMP or WebP file"
+        ) from None
+    except InputError:
+        raise
+    except Exception:  # Pillow's readers raise many kinds on damaged files
+        raise InputError(
+            f"{path}: not a readable image: it is damaged or cut off; copy it again"
+        ) from None
+    height, width = rgb.shape[:2]
+    if min(height, width) < MIN_SIDE_PX:
+        raise InputError(
+            f"{path}: image is {width}x{height}, need at least {MIN_SIDE_PX}x{MIN_SIDE_PX} pixels"
+        )
+    return Picture(rgb, see_through, profile)
+
+
+def _check_scans(path: Path, compressed: bytes) -> None:
+    """Refuse a JPEG file that would keep its decoder busy, from the bytes behind its header."""
+    if compressed.count(START_OF_SCAN, 0, compressed.find(END_OF_IMAGE)) >= MAX_SCANS:
+        raise InputError(
+            f"{path}: not a readable image: it has more than {MAX_SCANS} scans; save it again"
+        )
+
+
+def _on_white(image: Image.Image) -> tuple[NDArray[np.uint8], bool]:
+    """Give an image as (H, W, 3) uint8, as a viewer shows it on white, and whether white shows."""
+    if image.mode in DEEP_MODES:
+        gray = np.clip(np.asarray(image) >> 8, 0, 255).astype(np.uint8)
+        return np.repeat(gray[:, :, None], 3, axis=2), False
+    if not image.has_transparency_data:
+        return np.asarray(image.convert("RGB")), False
+    whole = image.convert("RGBA")
+    white = Image.new("RGBA", whole.size, "white")
+    opaque = Image.alpha_composite(white, whole).convert("RGB")
+    return np.asarray(opaque), bool(np.asarray(whole)[:, :, 3].min() < 255)
