@@ -5,7 +5,7 @@ from collections.abc import Iterable
 
 import numpy as np
 import pytest
-from conftest import cases, slow
+from conftest import cases, exhaustive, slow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -128,16 +128,15 @@ def disturbed(kind: str, loop: NDArray[np.integer], rng: np.random.Generator) ->
     return list(rows)
 
 
-@pytest.mark.slow
 @cases(
-    ("nothing", 1, 0.01, 0),
-    ("wrong bits", 1, 0.09, 0.01),
-    ("sure and wrong", 1, 0.05, 0.01),
-    ("a third is covered and looks certain", 4, 0.06, 0.15),
-    ("nearly all is covered", 2, 0.01, 0),
-    ("noise", 4, 0.04, 0.04),
-    ("bodies of noise", 4, 0.04, 0.25),
-    ("frames in disorder", 4, 0.04, 0.25),
+    exhaustive("nothing", 1, 0.01, 0),
+    exhaustive("wrong bits", 1, 0.09, 0.01),
+    exhaustive("sure and wrong", 1, 0.05, 0.01),
+    slow("a third is covered and looks certain", 4, 0.06, 0.15),
+    exhaustive("nearly all is covered", 2, 0.01, 0),
+    exhaustive("noise", 4, 0.04, 0.04),
+    exhaustive("bodies of noise", 4, 0.04, 0.25),
+    exhaustive("frames in disorder", 4, 0.04, 0.25),
 )
 def test_disturbances_are_no_change(kind: str, every: int, starts: float, attempts: float) -> None:
     """Per frame: how often collecting began afresh for nothing, and how often it was decoded."""

@@ -101,7 +101,7 @@ def test_the_clock_counts_the_frames_of_the_search() -> None:
 
 @pytest.mark.slow
 def test_a_display_whose_picture_moves_is_found_and_followed() -> None:
-    images, corners = filmed(FINE, 240, seed=2, pan=4.0)
+    images, corners = filmed(FINE, 150, seed=2, pan=4.0)
     receiver, off = Receiver(BlockMeans(FINE), FPS), []
     for number, (image, expected) in enumerate(zip(images, corners, strict=True)):
         tracked = receiver.push(image, number / FPS).tracked

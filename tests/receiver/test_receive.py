@@ -133,7 +133,9 @@ def spoils(kind: str) -> object:
     return spoil
 
 
-@cases("passer-by", *map(slow, ("dropped", "leaves", "exposure jumps", "gray", "16 bits")))
+@cases(
+    "passer-by", slow("dropped"), *map(exhaustive, ("leaves", "exposure jumps", "gray", "16 bits"))
+)
 def test_disturbances(kind: str, decoder: Decoder, states: list[Image]) -> None:
     _, data = listen(decoder, states, Stream(), seconds=12, spoil=spoils(kind))
     assert data == TEXT

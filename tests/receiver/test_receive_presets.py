@@ -209,7 +209,7 @@ def test_two_images_of_pilots_give_one_line(
     refuses("receiver.__main__", "a.png a.png --model pilots.onnx", *says)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_two_images_of_pilots_are_read_in_either_order(tmp_path: Path, command: Command) -> None:
     message = np.random.default_rng(0).integers(0, 2, (1, ROBUST.n_bits))
     images, corners = filmed(ROBUST, 2, seed=1, hold=1, message=message)

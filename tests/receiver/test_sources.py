@@ -300,7 +300,7 @@ def test_a_recording_of_the_screen_is_read() -> None:
     assert receiver.timing.count["track"] == receiver.frames  # none was skipped
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_missing_and_repeated_frames_cost_nothing(tmp_path: Path) -> None:
     """Errors are counted over two draws of the noise: of one draw, they differ by more."""
     states, bits = states_of(TEXT, LAYOUT, np.random.default_rng(5)), encode(TEXT, LAYOUT.n_bits)

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 import pytest
-from conftest import cases, slow
+from conftest import cases, exhaustive
 from drawn_scenes import content
 from pilot_films import BlockMeans, beside_print, filmed
 
@@ -34,7 +34,7 @@ def wall_with_prints(*lefts: int) -> Image:
     return wall
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_place_that_was_set_aside_is_passed_over_for_a_time() -> None:
     wall, tracker = wall_with_prints(60, 700), Tracker(PAPER)
     found = []
@@ -54,7 +54,7 @@ def test_a_place_that_was_set_aside_is_passed_over_for_a_time() -> None:
     assert any(tracker.follow(wall, 4.1 + ASIDE_S + number / 30) for number in range(20))
 
 
-@cases(slow("beside"), pytest.param("within", marks=pytest.mark.exhaustive))
+@cases(exhaustive("beside"), exhaustive("within"))
 def test_a_still_print_keeps_no_display_from_being_read(where: str) -> None:
     """The camera moves the print and the display alike."""
     loop = encode(TEXT, ROBUST.n_bits)

@@ -464,7 +464,7 @@ def filmed(tmp_path: Path) -> Callable[[bool], Path]:
     return film
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_captures_with_unknown_bits_are_shown_and_not_scored(
     filmed: Callable[[bool], Path], tmp_path: Path, command: Command
 ) -> None:

@@ -132,8 +132,8 @@ def drawn(generator: np.random.Generator, frames: int) -> Counts:
     return np.stack(counts, axis=1).astype(np.int64)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("frames", [10, pytest.param(40, marks=pytest.mark.exhaustive)])
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("frames", [10, 40])
 def test_the_interval_covers_the_truth_as_often_as_it_says(frames: int) -> None:
     generator = np.random.default_rng(7)
     total = drawn(generator, 200_000).sum(axis=0)

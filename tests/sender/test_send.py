@@ -17,7 +17,7 @@ import av
 import cv2
 import numpy as np
 import pytest
-from conftest import Command, Finished, Refuses, cases, run_process, slow
+from conftest import Command, Finished, Refuses, cases, exhaustive, run_process, slow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -345,7 +345,7 @@ def test_a_player_holds_each_picture_once(tmp_path: Path, send: Send) -> None:
 # Presets
 
 
-@cases("hidden", slow("paper"), slow("fast"), slow("robust"), slow(None))
+@cases("hidden", exhaustive("paper"), exhaustive("fast"), exhaustive("robust"), slow(None))
 def test_a_preset_says_all_and_no_flag_is_needed(
     name: str | None, tmp_path: Path, send: Send
 ) -> None:

@@ -17,7 +17,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import ROOT, Command, cases, run_process, slow
+from conftest import ROOT, Command, cases, exhaustive, run_process, slow
 from jsonschema import Draft202012Validator
 from pilot_films import CORNERS, filmed, texture
 from streams import write_film
@@ -203,8 +203,7 @@ def test_states_of_the_package_are_read_beside_a_camera_that_never_waits() -> No
         reader.finish()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("key", [None, KEY, bytes(32)], ids=["no key", "key", "wrong key"])
+@cases(exhaustive(None), slow(KEY), exhaustive(bytes(32)), ids=["no key", "key", "wrong key"])
 def test_events_of_films_fit_the_schema(key: bytes | None) -> None:
     receiver = Receiver(30, models=["robust"], key=key, scores=True)
     events = []
@@ -225,7 +224,7 @@ def test_events_of_films_fit_the_schema(key: bytes | None) -> None:
     assert ("refused" in receiver.explanation) == (taken["event"] == "refused")
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_what_the_command_prints_of_two_images_fits_the_schema(
     tmp_path: Path, command: Command
 ) -> None:

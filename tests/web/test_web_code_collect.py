@@ -3,8 +3,7 @@
 from collections.abc import Iterable
 
 import numpy as np
-import pytest
-from conftest import cases, slow
+from conftest import cases, exhaustive, slow
 from port import Port, same
 from scores import noisy, shown
 from tolerances import FLOAT32, FLOAT32_SUM
@@ -97,8 +96,7 @@ def test_fine_runs_that_are_lost(port: Port) -> None:
     assert compare(port, odd) == 1
 
 
-@pytest.mark.slow
-@cases((20_000, 0.05), (2000, 0.2))
+@cases(exhaustive(20_000, 0.05), slow(2000, 0.2))
 def test_the_finest_grid(n_bytes: int, ber: float, port: Port) -> None:
     rng = np.random.default_rng(7)
     bits = encode(rng.bytes(n_bytes), 11674)

@@ -179,7 +179,7 @@ def first_found(search, images):
     raise AssertionError("the display is not found")
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("dark", [False, True], ids=["edges", "no edges"])
 def test_a_coded_film_is_found_with_its_clock(dark: bool, port: Port) -> None:
     """A camera of half the display's rate takes one frame of each frame pair."""

@@ -3,7 +3,7 @@
 from dataclasses import astuple
 
 import numpy as np
-import pytest
+from conftest import cases, exhaustive, slow
 from port import same
 from streams import seen_frame
 from tolerances import FILM_SCORE, FLOAT32_SUM
@@ -46,9 +46,8 @@ class Counting(FilmGraph):
         return super().decode(observation)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("gap_s", [0.0, 20.0])
-def test_windows_are_read_as_by_python(port, gap_s):
+@cases(exhaustive(0.0), slow(20.0))
+def test_windows_are_read_as_by_python(gap_s, port):
     shown, clock = film_of(gap_s=gap_s)
     decoder = Counting(FILM_GRAPH, 1)
     seen = SeenFrames()

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from browser import QuietHandler, serve_folder, text_of
-from conftest import OpenWindow
+from conftest import OpenWindow, cases, exhaustive
 from playwright.sync_api import Browser, Page
 
 from web.__main__ import SiteHandler
@@ -77,7 +77,7 @@ def wait_for(page: Page, script: str, patience: float = PATIENCE_S) -> None:
         page.wait_for_timeout(50)
 
 
-@pytest.mark.parametrize("kind", [QuietHandler, CleanHost])
+@cases(exhaustive(QuietHandler), CleanHost)
 def test_a_host_serves_every_page_again_and_offline(
     kind: type[QuietHandler], site: Path, browser: Browser
 ) -> None:

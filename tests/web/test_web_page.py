@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import pytest
 from browser import BROWSER_FLAGS, find_browser, serve_folder, text_of
+from conftest import cases, exhaustive
 from pilot_films import TEXT, filmed, robust_film
 from web_films import limited, write_film, write_y4m
 
@@ -267,7 +268,7 @@ def noise(count: int) -> np.ndarray:
     return np.random.default_rng(3).integers(0, 256, (count, 120, 160), np.uint8)
 
 
-@pytest.mark.parametrize("kind", ["mp4", "webm"])
+@cases("mp4", exhaustive("webm"))
 def test_every_frame_of_a_film_is_read(kind, browser, address) -> None:
     write_film(address[1] / f"noise.{kind}", noise(45))
     with open_page(browser, worker=answering({})) as page:
@@ -437,6 +438,7 @@ def test_a_film_without_a_display_is_said_to_have_none(reader, tmp_path) -> None
     assert text_of(reader, "message") == ""
 
 
+@pytest.mark.exhaustive
 def test_a_camera_that_sees_no_display_keeps_looking(browser, address) -> None:
     with open_page(browser, [CAMERA, ALLOWED], worker=answering({})) as page:
         page.goto(address[0])
@@ -529,7 +531,7 @@ def test_only_messages_with_the_key_are_shown(reader, tmp_path) -> None:
     (tmp_path / "other").write_bytes(bytes(32))
     (tmp_path / "short").write_bytes(bytes(3))
     message = sign(b"Hi", bytes(range(32)), 7)
-    write_film(tmp_path / "film.mkv", toggling(message, 150, signed=True))
+    write_film(tmp_path / "film.mkv", toggling(message, 110, signed=True))
     reader.locator("summary").click()
     age = reader.get_by_label("largest age of a message")
     assert age.is_disabled()  # only a message with a key has an age

@@ -17,13 +17,13 @@ from receiver.pilots.search.pilot_search import PilotSearch
 
 FPS = 60.0
 FILMS = [
-    slow("bent"),
+    exhaustive("bent"),
     exhaustive("upside down, parallax"),
     exhaustive("turned to"),
     exhaustive("late"),
     exhaustive("leaving"),
     slow("moving picture"),
-    slow("no edges"),
+    exhaustive("no edges"),
     exhaustive("no edges, slow camera"),
     slow("still"),
     exhaustive("other layout"),

@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import pytest
 import tolerances as within
+from conftest import cases, exhaustive, slow
 from pilot_films import robust_film, texture
 from port import same
 
@@ -120,8 +121,7 @@ def bits_alike(scores, others):
     return max((product[product != 0] > 0).mean() for product in shared if product.any())
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("film", [pilots_film, empty_film])
+@cases(slow(pilots_film), exhaustive(empty_film))
 def test_a_film_is_read_as_by_python(film, port):
     frames = film()
     decoder = Decoder(MODEL, threads=1, time_limit_s=60)

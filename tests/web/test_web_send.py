@@ -84,8 +84,13 @@ def test_blocks_are_as_strong_as_python_makes_them(
     same(found, block_steps(drawn, layout))
 
 
-@pytest.mark.parametrize("size", [(512, 384), (384, 512), (802, 600)], ids=str)
-@pytest.mark.parametrize("name", PRESETS)
+@cases(
+    ("paper", (512, 384)),
+    ("hidden", (384, 512)),
+    ("fast", (512, 384)),
+    ("robust", (802, 600)),
+    *map(exhaustive, PRESETS, [(802, 600)] * len(PRESETS)),
+)
 def test_loops_are_those_of_python(
     name: str, size: tuple[int, int], port: Port, tmp_path: Path
 ) -> None:
@@ -176,7 +181,7 @@ def give(page: Page, kind: str) -> None:
     page.set_input_files("#key", given_file("key", KEY) if "signed" in kind else [])
 
 
-@cases(slow("paper"), slow("hidden"), exhaustive("fast"), exhaustive("robust"))
+@cases(exhaustive("paper"), slow("hidden"), exhaustive("fast"), exhaustive("robust"))
 def test_a_saved_file_is_what_export_send_writes(name: str, sender: Page, tmp_path: Path) -> None:
     preset, drawn = PRESETS[name], picture()
     n_bits = preset.layout.n_bits
@@ -547,9 +552,6 @@ SHOWN = {
 release), the standard deviation of the camera's noise, and the quality of JPEG."""
 FILMED = ("1 byte", "100 bytes", "5 kB", "Unicode", "file", "signed")
 """Messages that every preset shows to both receivers."""
-IN_EVERY_RUN = ("robust",)
-"""Presets that are shown over a still picture in every run of the tests, as hidden is over a film:
-one with a code, and one without."""
 SEEN_AT = np.array([[93, 61], [886, 84], [858, 667], [120, 650]], np.float32)
 """Corners of the display in the film, in pixels."""
 
@@ -613,14 +615,13 @@ def reader(address: str, browser: Browser) -> Page:
 @pytest.mark.parametrize(
     ("name", "kind", "carrier"),
     [
-        slow("hidden", "Unicode", "film"),
+        slow("robust", "signed", "film"),
+        exhaustive("hidden", "Unicode", "film"),
         *(
             pytest.param(
                 *case,
                 "still",
-                marks=pytest.mark.slow
-                if case[0] in IN_EVERY_RUN and case[1] == SHOWN[case[0]][0]
-                else pytest.mark.exhaustive,
+                marks=pytest.mark.exhaustive,
             )
             for case in product(PRESETS, FILMED)
             if case != TOO_LONG

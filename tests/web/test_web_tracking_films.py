@@ -18,7 +18,7 @@ def test_layouts_need_pilots(port: Port) -> None:
         port(PILOTS_JS).PilotTracker([make_layout()], 30)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_display_with_pilots_is_found_moved_and_lost_when_it_stops_toggling(port: Port) -> None:
     images, corners = filmed(FINE, 40, seed=0, kappa=5.0)
     tracker, frames = PilotTracker([FINE], 60.0), len(images)
