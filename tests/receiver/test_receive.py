@@ -74,7 +74,7 @@ def listen(
 
 
 @cases(
-    Stream(),
+    slow(Stream()),
     exhaustive(Stream(state_hz=10.07, readout=0.0)),
     exhaustive(Stream(state_hz=29.8, fps=60, shutter=1 / 120)),
     exhaustive(Stream(state_hz=30.2, readout=0.025, shutter=1 / 100)),

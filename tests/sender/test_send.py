@@ -159,7 +159,7 @@ def send(inputs: Path, command: Command) -> Send:
     return run
 
 
-@pytest.mark.parametrize("kind", READ)
+@pytest.mark.parametrize("kind", [slow(kind) if kind == ".mkv" else kind for kind in READ])
 def test_every_output_holds_the_message(kind: str, tmp_path: Path, send: Send) -> None:
     out = tmp_path / f"sent{kind}"
     said = send(out, *FLAGS)
@@ -177,6 +177,7 @@ def test_every_output_holds_the_message(kind: str, tmp_path: Path, send: Send) -
     assert 0.9 < said["ssim"] < 1
 
 
+@pytest.mark.slow
 def test_all_outputs_show_the_same_states(inputs: Path, tmp_path: Path, send: Send) -> None:
     shown = []
     for kind, read in READ.items():
@@ -190,6 +191,7 @@ def test_all_outputs_show_the_same_states(inputs: Path, tmp_path: Path, send: Se
     np.testing.assert_array_equal(shown[0][0][mask], original[mask])
 
 
+@pytest.mark.slow
 def test_the_folder_says_what_was_sent(inputs: Path, tmp_path: Path, command: Command) -> None:
     out = tmp_path / "sent"
     out.mkdir()  # an empty folder will do

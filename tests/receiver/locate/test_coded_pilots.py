@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import cases, exhaustive, slow
 from pilot_films import FINE, filmed, leaving, without_a_side
 
 from link.clock import DisplayClock, embedded_share
@@ -99,7 +100,7 @@ def found_in(
     return None
 
 
-@pytest.mark.parametrize(("fps", "hold"), [(30.0, 0.5), (60.0, 1), (60.0, 0.8), (120.0, 2)])
+@cases((30.0, 0.5), exhaustive(60.0, 1), exhaustive(60.0, 0.8), slow(120.0, 2))
 def test_a_display_is_found_by_its_code(fps: float, hold: float) -> None:
     """At half the display's rate, too, where pilots without a code stand still.
 
