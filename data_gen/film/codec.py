@@ -5,10 +5,11 @@
 taken: a lost frame leaves a gap, and a jittering sensor a variable frame rate. Both need PyAV
 (``pip install -e '.[codec]'``), which brings FFmpeg with x264 and x265.
 
-Frames are stored as phones store them: 4:2:0 subsampling, the matrix of ITU-R BT.709, tagged with
-their range. A target rate is all that steers the encoder; it looks some frames ahead, as x264 and
-x265 do, and spends more bits on some frames than on others. One thread encodes and one decodes, so
-that the same frames always give the same result.
+Frames are stored as phones store them: 4:2:0 subsampling, the matrix of ITU-R BT.709, levels from
+16 to 235, a key frame each second, and no frame that is predicted from later ones. A target rate is
+all that steers the encoder; it looks some frames ahead, as x264 and x265 do, and spends more bits
+on some frames than on others. One thread encodes and one decodes, so that the same frames always
+give the same result.
 """
 
 from collections.abc import Iterable, Iterator
@@ -33,12 +34,10 @@ ENCODERS = {"h264": "libx264", "hevc": "libx265"}
 """Encoder in FFmpeg by the name of a codec."""
 PROFILES = {"h264": "high", "hevc": "main"}
 """Profile, in which phones encode, by the name of a codec."""
-EFFORTS = (
-    "ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow",
-)  # fmt: skip
-"""Presets of x264 and x265, from little effort of the encoder to much."""
-MAX_B_FRAMES = 4
-"""Largest number of B frames in a row; the fastest preset of x265 looks five frames ahead."""
+EFFORT = "veryfast"
+"""Preset of x264 and x265, which says how much the encoder may compute."""
+KEY_FRAMES_S = 1.0
+"""Time from one key frame to the next, seconds."""
 COMPRESSED_SUFFIXES = (".mp4", ".mov", ".mkv")
 """Endings of the files that `write_film` writes."""
 TICKS_HZ = 90_000
@@ -63,15 +62,6 @@ class CodecSettings:
     """Codec: "h264", "hevc", or "none" to store every level as it is."""
     kbits: float = 8000.0
     """Mean rate that the encoder aims at, in thousands of bits a second."""
-    gop_s: float = 1.0
-    """Time from one key frame to the next, seconds."""
-    b_frames: int = 0
-    """Largest number of frames in a row that are predicted from later ones, too."""
-    preset: str = "veryfast"
-    """Effort of the encoder: "ultrafast", "superfast", "veryfast", "faster", "fast", "medium",
-    "slow", "slower" or "veryslow"."""
-    full_range: bool = False
-    """Whether levels run from 0 to 255, and not from 16 to 235."""
 
     @property
     def on(self) -> bool:
@@ -88,16 +78,8 @@ class CodecSettings:
         known = ("none", *ENCODERS)
         if self.name not in known:
             raise _wrong("name", f"need {', '.join(known)}, got {self.name!r:.40}")
-        for name, low, high, unit in (
-            ("kbits", 50, 500_000, " kbit/s"),
-            ("gop_s", 0.03, 60, " seconds"),
-            ("b_frames", 0, MAX_B_FRAMES, " frames"),
-        ):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise _wrong(name, f"need {low:g} to {high:g}{unit}, got {value:g}")
-        if self.preset not in EFFORTS:
-            raise _wrong("preset", f"need one of {', '.join(EFFORTS)}, got {self.preset!r:.40}")
+        if not 50 <= self.kbits <= 500_000:
+            raise _wrong("kbits", f"need 50 to 500000 kbit/s, got {self.kbits:g}")
         if self.on and av is None:
             raise InputError(f"codec {self.name}: PyAV is missing; pip install -e '.[codec]'")
 
@@ -111,7 +93,7 @@ def through_codec(
 ) -> Iterator[VideoFrame]:
     """Pass a film through a codec: the same frames and times, with what a receiver sees of them.
 
-    A codec holds frames back, to look ahead and to predict from later ones.
+    A codec holds frames back, to look ahead.
 
     >>> rgb = np.full((64, 96, 3), 90, np.uint8)
     >>> film = [VideoFrame(rgb, k, k / 30, 0.0, np.eye(3), {}, True, False) for k in (0, 1, 3)]
@@ -147,7 +129,7 @@ def through_codec(
         if not encoder.width:
             _open(encoder, settings, fps, frame)
             decoder.extradata, start_s = encoder.extradata, frame.time_s
-        coded = _coded_frame(frame, settings, start_s)
+        coded = _coded_frame(frame, start_s)
         waiting[_ticks_of(coded)] = replace(frame, rgb=NO_PIXELS)
         yield from decoded(encoder.encode(coded))
     if encoder.width:
@@ -186,7 +168,7 @@ def write_film(
                 added = container.add_stream(encoder, rate=_rate(fps))
                 stream = cast("av.VideoStream", added)
                 _open(stream.codec_context, settings, fps, frame)
-            container.mux(stream.encode(_coded_frame(frame, settings, start_s)))
+            container.mux(stream.encode(_coded_frame(frame, start_s)))
         if stream is None:
             raise InputError(f"{path}: no frame was filmed; film longer, or lose fewer")
         container.mux(stream.encode(None))
@@ -211,14 +193,14 @@ def _open(
     context.width, context.height, context.pix_fmt = width, height, "yuv420p"
     context.time_base, context.framerate = Fraction(1, TICKS_HZ), _rate(fps)
     context.bit_rate = round(1000 * settings.kbits)
-    context.gop_size = max(1, round(settings.gop_s * fps))
-    context.max_b_frames = settings.b_frames
-    context.color_range = FULL if settings.full_range else LIMITED
+    context.gop_size = max(1, round(KEY_FRAMES_S * fps))
+    context.max_b_frames = 0
+    context.color_range = LIMITED
     context.colorspace = context.color_primaries = context.color_trc = BT709
     context.thread_count = 1
     # as in files: headers stand apart, and do not count towards the rate
     context.flags |= av.codec.context.Flags.global_header
-    options = {"preset": settings.preset, "profile": PROFILES[settings.name]}
+    options = {"preset": EFFORT, "profile": PROFILES[settings.name]}
     if settings.name == "hevc":
         options["x265-params"] = "log-level=none:pools=none:frame-threads=1:scenecut=0"
     else:
@@ -235,7 +217,7 @@ def _open(
         raise InputError(f"codec {settings.name}: {problem}") from None
 
 
-def _coded_frame(frame: VideoFrame, settings: CodecSettings, start_s: float) -> "av.VideoFrame":
+def _coded_frame(frame: VideoFrame, start_s: float) -> "av.VideoFrame":
     """Convert a frame's pixels to 4:2:0, and give them the time since ``start_s``, in seconds."""
     coded = av.VideoFrame.from_ndarray(frame.rgb, format="rgb24")
     coded = coded.reformat(
@@ -243,7 +225,7 @@ def _coded_frame(frame: VideoFrame, settings: CodecSettings, start_s: float) -> 
         dst_colorspace="ITU709",
         interpolation=BICUBIC_ROUNDED,
         src_color_range=FULL,
-        dst_color_range=FULL if settings.full_range else LIMITED,
+        dst_color_range=LIMITED,
     )
     coded.pts, coded.time_base = round((frame.time_s - start_s) * TICKS_HZ), Fraction(1, TICKS_HZ)
     return coded
