@@ -21,6 +21,10 @@ MAX_MEGAPIXELS = 50.0
 `MEGAPIXELS_VARIABLE` says otherwise."""
 MEGAPIXELS_VARIABLE = "OORC_MAX_MEGAPIXELS"
 """Name of the environment variable that holds another limit in place of `MAX_MEGAPIXELS`."""
+BYTES_PER_PIXEL = 8
+"""Largest size of a stored pixel, in bytes: four channels of 16 bits, without compression."""
+SPARE_BYTES = 2**24
+"""Largest size, in bytes, of what an image file may hold beside its pixels, such as a profile."""
 MAX_NAME_BYTES = 255
 """Largest length, in bytes, of a file's name on the usual file systems."""
 UNREAD_BRANDS = {b"heic": "HEIC", b"heix": "HEIC", b"mif1": "HEIC", b"avif": "AVIF"}

@@ -14,16 +14,19 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps, UnidentifiedImageError
 
 from link.errors import InputError
-from link.images import MIN_SIDE_PX, check_kind, check_pixels, pixel_limit
+from link.images import (
+    BYTES_PER_PIXEL,
+    MIN_SIDE_PX,
+    SPARE_BYTES,
+    check_kind,
+    check_pixels,
+    pixel_limit,
+)
 from link.outside import is_file, read_bounded
 
 Image.MAX_IMAGE_PIXELS = None  # `check_pixels` is stricter, and says what to do
 KINDS = ("PNG", "JPEG", "TIFF", "BMP", "WEBP")
 """Kinds of files that are read, by Pillow's names; those of `link.images.IMAGE_SUFFIXES`."""
-BYTES_PER_PIXEL = 8
-"""Largest size of a stored pixel, in bytes: four channels of 16 bits, without compression."""
-SPARE_BYTES = 2**24
-"""Largest size, in bytes, of what an image file may hold beside its pixels, such as a profile."""
 START_OF_SCAN, END_OF_IMAGE = b"\xff\xda", b"\xff\xd9"
 """Markers of JPEG before compressed pixels, and at the end; pixels hold neither."""
 MAX_SCANS = 100

@@ -28,15 +28,19 @@ that frames cover, the more could be told apart, and the work must be bounded. C
 PHASES = 2
 """Number of moments that are tried within a state: no more than a quarter of a state is then
 missed. Chosen by hand."""
+PANEL_S = 1 / 60
+"""Longest time, in seconds, in which a panel writes its rows; the camera reads its own within
+a frame. The delays across the display are at most the longer of the two."""
 DELAYS_S = np.arange(-32, 33, 8) / 1000
-"""Delays, in seconds, that are tried along either side of the display: a camera and a panel go
-through their rows within a frame, 33 ms of a camera of 30 frames a second. A step is about a state
-of a display of 120 states a second."""
-SLOPES = np.array([(0.0, d) for d in DELAYS_S] + [(d, 0.0) for d in DELAYS_S if d])
+"""Delays, in seconds, that are tried along either side of the display, as far as `longest_delay`
+allows, which is 33 ms for a camera of 30 frames a second. A step is about a state of a display of
+120 states a second."""
+SLOPES = np.array(
+    sorted([(0.0, d) for d in DELAYS_S] + [(d, 0.0) for d in DELAYS_S if d], key=np.ptp)
+)
 """(slopes, 2) times, in seconds, by which the right side of the display may be exposed after the
-left one, or the bottom after the top."""
-NO_SLOPE = len(DELAYS_S) // 2
-"""Number of the slope at which the whole display is exposed at once."""
+left one, or the bottom after the top. The smallest come first, because slopes that lead to the same
+phases explain the same, and the first of them is chosen; so number 0 has no delay."""
 SIDES = 4
 """Number of parts along each side of the display that are each taken to be exposed at once: of the
 longest of `DELAYS_S`, a part's own is 8 ms, one step of them."""
@@ -106,6 +110,8 @@ class CodeSearch:
         second: float = 1.0,
     ) -> None:
         self._signs, self._second = signs, second
+        longest = longest_delay(1 / (fps * second))
+        self._slopes = SLOPES[np.abs(SLOPES).max(axis=1) <= longest]
         self._middle = float(times.mean())
         since = np.asarray(times, np.float64) - self._middle
         self._hz = np.array(_rates(float(since[-1] - since[0]) / second))
@@ -130,7 +136,7 @@ class CodeSearch:
         self._signs_within = np.asarray(within * signs, np.float32)
         energy = (waves**2).sum(axis=1).reshape(-1, self._steps)
         # part of the display, rate and phase that goes with each slope, part, rate and phase
-        axes = np.array([_axis(slope) for slope in SLOPES])[:, None, None]
+        axes = np.array([_axis(slope) for slope in self._slopes])[:, None, None]
         self._parts = axes, np.arange(SIDES)[:, None], np.arange(len(self._hz)), self._later()
         places = within.sum(axis=2)[axes[:, 0], self._parts[1][:, 0]]  # (slopes, SIDES)
         later = _turning(np.tile(energy, (2, SIDES, 1, 1)))[self._parts]
@@ -188,26 +194,26 @@ class CodeSearch:
             longest = seen[:, np.argsort(-squares)[:COMPARED]] / (seen.std() + 1e-9)
             heights = np.maximum((self.waves @ longest).max(axis=1), 0)
             total += heights**2 / powers
-        return self._clock(divmod(int(total.argmax()), self._steps), NO_SLOPE)
+        return self._clock(divmod(int(total.argmax()), self._steps), 0)
 
     def _later(self) -> NDArray[np.intp]:
         """Give the phases by which parts of the display are later: (slopes, SIDES, rates)."""
         centres = (np.arange(SIDES) + 0.5) / SIDES - 0.5
-        phases = PHASES * np.outer(centres, self._hz) * SLOPES.sum(axis=1)[:, None, None]
+        phases = PHASES * np.outer(centres, self._hz) * self._slopes.sum(axis=1)[:, None, None]
         return np.asarray(np.rint(phases) % self._steps, np.intp)
 
     def _lock(
         self, at: tuple[int, int], slope: int, gain: Array, values: NDArray[np.floating]
     ) -> CodeLock:
         """Describe the clock of a rate and a phase, given by their numbers, and weigh it."""
-        part = self._part[:, _axis(SLOPES[slope])]
+        part = self._part[:, _axis(self._slopes[slope])]
         later = (at[1] + self._parts[3][slope, part, at[0]]) % self._steps
         wave = self.waves[at[0] * self._steps + later]  # (P, T)
         X = (wave * np.asarray(values).T).sum(axis=1, dtype=np.float64)
         count = len(X)
         share = float((self._signs @ X) ** 2 / (count * (X @ X) + 1e-9))
         evidence = -(count - 1) / 2 * np.log(max(1 - share, 1e-12))
-        evidence -= np.log(len(self.waves) * len(SLOPES))
+        evidence -= np.log(len(self.waves) * len(self._slopes))
         if evidence <= 0:
             return CodeLock(self._clock(at, slope), 0.0, 1.0)
         apart = (self._newest - self._newest[at] + self._steps / 2) % self._steps - self._steps / 2
@@ -218,9 +224,18 @@ class CodeSearch:
     def _clock(self, at: tuple[int, int], slope: int) -> DisplayClock:
         """Make the clock of a rate and a phase, given by their numbers."""
         period = self._second / self._hz[at[0]]
-        across, down = SLOPES[slope] * self._second
+        across, down = self._slopes[slope] * self._second
         start = self._middle - at[1] / PHASES * period + (across + down) / 2
         return DisplayClock(*map(float, (period, start, across, down, self._shutter[at[0]])))
+
+
+def longest_delay(frame: float) -> float:
+    """Give the longest delay across the display that is believed, seconds.
+
+    Args:
+        frame: time from one frame of the camera to the next, seconds.
+    """
+    return max(frame, PANEL_S)
 
 
 def _axis(slope: Array) -> int:
@@ -235,7 +250,7 @@ def _turning(sums: NDArray[np.floating]) -> NDArray[np.floating]:
 
 
 def clocks_tried(code: PilotCode) -> int:
-    """Count the clocks that are tried in a short window of frames."""
+    """Count the clocks that are tried in a short window of frames, at most."""
     return 2 * PHASES * code.period * len(STATE_HZ) * len(SLOPES)
 
 

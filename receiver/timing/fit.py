@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from link.clock import DisplayClock, embedded_share
 from link.pilot_code import PLAIN, PilotCode
 from link.types import Array
-from receiver.pilots.code import MOST_STATE_HZ, CodeSearch
+from receiver.pilots.code import MOST_STATE_HZ, CodeSearch, longest_delay
 
 ComplexArray = NDArray[np.complex128]
 
@@ -36,9 +36,6 @@ DELAY_GRID = np.linspace(-0.9, 0.9, 7)
 LEAST_SHUTTER = 0.02
 """Shortest exposure that is fitted, as a share of a camera frame. A shorter one shows the same in
 all frames, and a wave without slopes could not be fitted. Chosen by hand."""
-PANEL_S = 1 / 60
-"""Longest time, in seconds, in which a panel writes its rows; the camera reads its own within
-a frame. The delays across the display are at most the longer of the two."""
 DRIFT_HZ = 0.3
 """Highest frequency of a drift that is taken off; the slowest display toggles at 0.5 Hz."""
 STARTS, ROUNDS = 4, 12
@@ -330,7 +327,7 @@ class ToggleWindow:
 
     def _climb(self, clocks: Array, rounds: int) -> Array:
         """Climb from each clock (Levenberg and Marquardt); clocks in order, the best first."""
-        limit, delay = self._frame, max(self._frame, PANEL_S)
+        limit, delay = self._frame, longest_delay(self._frame)
         fastest = limit / MAX_STATES if self._code == PLAIN else 1 / MOST_STATE_HZ
         low = np.array([fastest, -np.inf, -delay, -delay, LEAST_SHUTTER * limit])
         high = np.array([1 / MIN_STATE_HZ, np.inf, delay, delay, limit])
@@ -380,7 +377,7 @@ class ToggleWindow:
         """
         state_hz = self.state_hz
         waves = np.exp(-1j * np.pi * state_hz[:, None] * self._times)
-        grid = DELAY_GRID * max(self._frame, PANEL_S)
+        grid = DELAY_GRID * longest_delay(self._frame)
         along = -1j * np.pi * state_hz[:, None, None] * grid
         across, down = (np.exp(along * self._places[:, axis, None]) for axis in (0, 1))
         turns = (across[:, :, None, :] * down[:, :, :, None]).reshape(*across.shape[:2], -1)

@@ -1,5 +1,7 @@
 """A coded display is found, and its clock, by cameras of any rate; and noise is none."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import cases, exhaustive, slow
@@ -13,6 +15,7 @@ from link.types import Array
 from receiver.pilots.code import CLIPPED, MOST_STEPS, NEAR, PHASES, SLOPES, CodeSearch
 from receiver.pilots.search.pilot_search import PilotSearch
 from receiver.pilots.signal import LEAST_DEVIATION
+from receiver.timing.fit import ToggleWindow
 
 CODE = PilotCode()
 CODED = make_layout(24, 32, modulation="antipodal", pilots="auto", code=CODE)
@@ -78,6 +81,19 @@ def test_evidence_is_what_a_regression_of_the_signs_says() -> None:
     chance = (PILOTS.pilots - 1) / 2 * np.log(1 - explained[0, 1] ** 2)
     tried = len(search.waves) * len(SLOPES)
     assert lock.evidence == pytest.approx(-chance - np.log(tried), rel=1e-3)
+
+
+def test_of_delays_that_show_the_same_the_smallest_is_taken_and_leads_to_the_right_clock() -> None:
+    """From a delay of two frames, which no camera has, no fit would come back."""
+    clock = DisplayClock(1 / 59.6, 0.3, 0.0056, -0.0146, 1 / 60)
+    values, times = seen_by(60.0, clock, 40, 2.0, seed=0), np.arange(40) / 60
+    signs, places = pilot_signs(PILOTS), pilot_centres(PILOTS)
+    (lock,) = CodeSearch(CODE, signs, places, times[:20], 60.0).strongest(values[:20])
+    assert lock.clock.delay_y == pytest.approx(-0.016)
+    window = ToggleWindow(times, values * signs, places, 60.0, CODE)
+    fit = window.follow(replace(lock.clock, start=lock.clock.start - window.middle)).clock
+    assert (fit.delay_x, fit.delay_y) == pytest.approx((0.0056, -0.0146), abs=0.002)
+    assert fit.period == pytest.approx(clock.period, rel=2e-3)
 
 
 def found_in(

@@ -14,12 +14,9 @@ import { DisplayClock } from "../../link/clock.js";
 import { LEAST_DEVIATION } from "./signal.js";
 
 const { STATE_HZ } = pilotCode;
-const { CLOCK_ERROR, MOST_STEPS, PHASES, SLOPES, NO_SLOPE, SIDES } = receiverPilotsCode;
+const { CLOCK_ERROR, MOST_STEPS, PHASES, PANEL_S, SLOPES, SIDES } = receiverPilotsCode;
 const { COMPARED, RIVAL, OPEN, SURER, NEAR, CLIPPED } = receiverPilotsCode;
 export const { MOST_STATE_HZ } = receiverPilotsCode;
-
-/** Axis along which each of `SLOPES` goes: 0 from left to right, 1 from top to bottom. */
-const AXES = Int32Array.from(SLOPES, ([across]) => Number(across === 0));
 
 /**
  * How a display may run: its clock, by the unit of time of the frames' times; the natural logarithm
@@ -39,6 +36,10 @@ export class CodeSearch {
   /** Time of the newest frame after the middle. */
   #newest;
   #second;
+  /** Those of `SLOPES` that the camera allows. */
+  #slopes;
+  /** Axis along which each of them goes: 0 from left to right, 1 from top to bottom. */
+  #axes;
   /** States a second that are tried. @type {number[]} */
   #hz;
   /** Exposure time that is taken for granted at each of these rates. */
@@ -73,6 +74,9 @@ export class CodeSearch {
     const since = Float64Array.from(times, (time) => time - this.#middle);
     this.#newest = since[since.length - 1];
     this.#second = second;
+    const longest = longestDelay(1 / (fps * second));
+    this.#slopes = SLOPES.filter((slope) => slope.every((delay) => Math.abs(delay) <= longest));
+    this.#axes = Int32Array.from(this.#slopes, ([across]) => Number(across === 0));
     this.#hz = rates((this.#newest - since[0]) / second);
     this.#steps = 2 * PHASES * code.period;
     this.#shutter = Float64Array.from(this.#hz, (hz) => OPEN * Math.min(second / hz, 1 / fps));
@@ -95,7 +99,7 @@ export class CodeSearch {
       ),
     );
     const later = this.#hz.flatMap((hz) =>
-      SLOPES.flatMap(([across, down]) =>
+      this.#slopes.flatMap(([across, down]) =>
         Array.from({ length: SIDES }, (_, side) => {
           const phases = PHASES * ((side + 0.5) / SIDES - 0.5) * hz * (across + down);
           return (roundHalfEven(phases) + this.#steps) % this.#steps;
@@ -103,9 +107,10 @@ export class CodeSearch {
       ),
     );
     this.#later = Int32Array.from(later);
-    this.#powers = floatPlane(count, SLOPES.length);
+    this.#powers = floatPlane(count, this.#slopes.length);
     const counts = this.#within.flat().map((weights) => weights.filter(Boolean).length);
-    call("slopePowers", [this.#energy, this.#later, Int32Array.from(counts), AXES], [this.#powers]);
+    const parts = [this.#energy, this.#later, Int32Array.from(counts), this.#axes];
+    call("slopePowers", parts, [this.#powers]);
   }
 
   /**
@@ -156,7 +161,7 @@ export class CodeSearch {
         total[at] += (most[at] / unit) ** 2 / (this.#energy[at] + 1e-6);
       }
     }
-    return this.#clock(total.indexOf(Math.max(...total)), NO_SLOPE);
+    return this.#clock(total.indexOf(Math.max(...total)), 0);
   }
 
   /**
@@ -187,7 +192,7 @@ export class CodeSearch {
    *
    * @param {readonly ArrayLike<number>[]} values
    * @returns {{ gain: Float64Array, chosen: Uint8Array }} (H,) power that is explained, 0 where
-   *   values speak against the clock, and numbers of `SLOPES`
+   *   values speak against the clock, and numbers of slopes
    */
   #bestSlopes(values) {
     const gain = new Float64Array(this.#energy.length);
@@ -195,12 +200,12 @@ export class CodeSearch {
     const series = this.#within.flat().map((weights) => values.map((now) => dot(weights, now)));
     const along = floatPlane(this.waves.width, series.length);
     call("weightedSums", [this.waves, rowsOf(series)], [along]);
-    call("bestSlopes", [along, this.#later, this.#powers, AXES, SURER], [gain, chosen]);
+    call("bestSlopes", [along, this.#later, this.#powers, this.#axes, SURER], [gain, chosen]);
     return { gain, chosen };
   }
 
   /**
-   * Describe a clock, given by its number, with one of `SLOPES`, and weigh it.
+   * Describe a clock, given by its number, with one of the slopes, and weigh it.
    *
    * @param {number} at
    * @param {number} slope
@@ -210,17 +215,17 @@ export class CodeSearch {
   #lock(at, slope, gain, values) {
     const count = this.#signs.length;
     const rate = Math.floor(at / this.#steps);
-    const later = this.#later.subarray((rate * SLOPES.length + slope) * SIDES);
+    const later = this.#later.subarray((rate * this.#slopes.length + slope) * SIDES);
     let [along, power] = [0, 0];
     for (let p = 0; p < count; p++) {
-      const wave = this.#turned(at, later[this.#part[AXES[slope]][p]]);
+      const wave = this.#turned(at, later[this.#part[this.#axes[slope]][p]]);
       let X = 0;
       values.forEach((now, t) => (X += now[p] * this.waves.data[t * this.waves.width + wave]));
       along += this.#signs[p] * X;
       power += X * X;
     }
     const share = along ** 2 / (count * power + 1e-9);
-    const paid = Math.log(gain.length * SLOPES.length);
+    const paid = Math.log(gain.length * this.#slopes.length);
     const chance = ((count - 1) / 2) * Math.log(Math.max(1 - share, 1e-12)) + paid;
     const clock = this.#clock(at, slope);
     if (chance >= 0) return { clock, evidence: 0, rival: 1 };
@@ -255,7 +260,7 @@ export class CodeSearch {
   }
 
   /**
-   * Make the clock of this number with one of `SLOPES`.
+   * Make the clock of this number with one of the slopes.
    *
    * @param {number} at
    * @param {number} slope
@@ -263,7 +268,7 @@ export class CodeSearch {
   #clock(at, slope) {
     const rate = Math.floor(at / this.#steps);
     const period = this.#second / this.#hz[rate];
-    const [across, down] = SLOPES[slope].map((delay) => delay * this.#second);
+    const [across, down] = this.#slopes[slope].map((delay) => delay * this.#second);
     const moment = ((at % this.#steps) / PHASES) * period;
     const start = this.#middle - moment + (across + down) / 2;
     return new DisplayClock(period, start, across, down, this.#shutter[rate]);
@@ -314,7 +319,16 @@ function clipped(frames) {
 }
 
 /**
- * Count the clocks that are tried in a short window of frames.
+ * Give the longest delay across the display that is believed, seconds.
+ *
+ * @param {number} frame - time from one frame of the camera to the next, seconds
+ */
+export function longestDelay(frame) {
+  return Math.max(frame, PANEL_S);
+}
+
+/**
+ * Count the clocks that are tried in a short window of frames, at most.
  *
  * @param {PilotCode} code
  */

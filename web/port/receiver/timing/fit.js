@@ -11,7 +11,7 @@ import { receiverTimingFit } from "../../../generated/constants.js";
 import { dot, inverse, solve } from "../../link/linear.js";
 import { PLAIN } from "../../link/pilotCode.js";
 import { CLOCK_NUMBERS, DisplayClock, embeddedShare } from "../../link/clock.js";
-import { CodeSearch, MOST_STATE_HZ } from "../pilots/code.js";
+import { CodeSearch, MOST_STATE_HZ, longestDelay } from "../pilots/code.js";
 import {
   driftBasis,
   squares,
@@ -25,7 +25,7 @@ import {
 /** @typedef {import("./series.js").Factors} Factors */
 
 export const {
-  MIN_STATE_HZ, MAX_STATES, PANEL_S, DRIFT_HZ, STARTS, ROUNDS, NEIGHBOURS, MIN_SEEN,
+  MIN_STATE_HZ, MAX_STATES, DRIFT_HZ, STARTS, ROUNDS, NEIGHBOURS, MIN_SEEN,
   MAX_CORRELATION, STEP, REACH,
 } = receiverTimingFit;
 
@@ -435,7 +435,7 @@ export class ToggleWindow {
    */
   #climb(starts, rounds) {
     const frame = this.#frame;
-    const delay = Math.max(frame, PANEL_S);
+    const delay = longestDelay(frame);
     const fastest = this.#code.isPlain ? frame / MAX_STATES : 1 / MOST_STATE_HZ;
     const low = [fastest, -Infinity, -delay, -delay, 0.02 * frame];
     const high = [1 / MIN_STATE_HZ, Infinity, delay, delay, frame];
@@ -608,7 +608,7 @@ function candidateRates(span, frame) {
  * @param {number} frame - time from one camera frame to the next, seconds
  */
 function candidateWaves(stateHz, times, places, frame) {
-  const delay = Math.max(frame, PANEL_S);
+  const delay = longestDelay(frame);
   const grid = Array.from({ length: GRID }, (_, i) => (-0.9 + (1.8 * i) / (GRID - 1)) * delay);
   const [across, down] = [0, 1].map((axis) => {
     const delays = new Float64Array((places.length / 2) * GRID);
