@@ -16,7 +16,7 @@ import tyro
 from data_gen.flags import SourceFlags
 from data_gen.frame_pair import shuffled_pictures
 from data_gen.pairs import PAIRS, pair_names
-from link.captures import read_layouts
+from link.captures import read_manifest
 from link.cli import check_flags, run_cli
 from link.errors import InputError, at_least, choose, each_once
 from link.files.lock import locked
@@ -155,7 +155,8 @@ def main() -> None:
     if door is not None:
         layouts = door.layouts
     else:
-        layouts = read_layouts(config.captures) if config.captures else [config.layout()]
+        entries = read_manifest(config.captures) if config.captures else []
+        layouts = list(dict.fromkeys(entry.layout for entry in entries)) or [config.layout()]
     folder = RunFolder(config.out)
     with locked(config.out):
         settings = decisive_settings(config, methods, layouts)

@@ -10,10 +10,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from link.captures import KnownWindow, load_entry, read_manifest
+from link.captures import Entry, KnownWindow, read_manifest
 from link.frames import Captured
 from link.images import as_gray, write_image
-from link.layout import Layout, block_mean
+from link.layout import block_mean
 from link.outside import is_file, read_json
 from models.film.window import gray_frames
 from reports.captured.door import FILMS
@@ -136,11 +136,11 @@ def film_evidence(
     grids: dict[str, dict[tuple[int, int], NDArray[np.float64]]] = {}
     by_index = dict(list(records.groupby("index")))
     for index, entry in enumerate(read_manifest(captures)):
-        captured = load_entry(captures, entry)
+        captured = entry.load()
         pairs = captured.observation.mixture.count if isinstance(captured, KnownWindow) else 1
         level = np.clip(np.tile(block_levels(captured), pairs), 0, 255)
-        begin = float(entry.get("time_s", 0.0))
-        end = float(entry.get("end_s", begin))
+        begin = float(entry.meta.get("time_s", 0.0))
+        end = float(entry.meta.get("end_s", begin))
         middles = begin + (end - begin) * (np.arange(pairs) + 0.5) / pairs
         time = np.repeat(middles, captured.layout.n_bits)
         for row in by_index[index].itertuples() if index in by_index else ():
@@ -149,7 +149,7 @@ def film_evidence(
             place = pd.DataFrame({"time": time // BIN_S, "level": level // LEVELS})
             place["known"], place["wrong"] = known, wrong
             counted = place.groupby(["time", "level"]).sum().reset_index()
-            rows.append(counted.assign(method=row.method, film=str(entry.get("film", ""))))
+            rows.append(counted.assign(method=row.method, film=str(entry.meta.get("film", ""))))
             layout = captured.layout
             grid = grids.setdefault(str(row.method), {})
             size = layout.rows, layout.cols
@@ -224,7 +224,7 @@ def _maps(
 
 
 def told_by(
-    records: pd.DataFrame, seen: Sequence[FilmSeen], entries: Sequence[dict[str, Any]]
+    records: pd.DataFrame, seen: Sequence[FilmSeen], entries: Sequence[Entry]
 ) -> list[Told]:
     """Work out what scores tell, by how often bits of like scores are right.
 
@@ -233,8 +233,7 @@ def told_by(
     """
     rates = {film.film: film.state_hz for film in seen}
     blocks = [
-        (rates.get(str(entry.get("film"))) or 0) / 2 * Layout.from_dict(entry["layout"]).n_bits
-        for entry in entries
+        (rates.get(str(entry.meta.get("film"))) or 0) / 2 * entry.layout.n_bits for entry in entries
     ]
     rate = float(np.mean(blocks))
     found = []

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from link.captures import MANIFEST, is_window, read_manifest
+from link.captures import MANIFEST, read_manifest
 from reports.captured.door import FILMS
 from reports.captured.evidence import film_evidence
 from reports.engine.backends import Backend
@@ -45,15 +45,15 @@ def evaluate_folder(
     notes = [*notes, *left_out]
     print(*notes, sep="\n")
     entries = read_manifest(captures)
-    simulated = all(bool(entry.get("simulated")) for entry in entries)
+    simulated = all(bool(entry.meta.get("simulated")) for entry in entries)
     meta = provenance(seed, simulated)
     kind = "simulated captures" if simulated else "recorded captures"
     tables = [summary_table(score(records), f"All cells ({kind})").markdown()]
-    if any(map(is_window, entries)):
+    if any(entry.is_window for entry in entries):
         tables.append(information_table(records).markdown())
     folder.write_comparison(records, meta, "\n\n".join(tables))
     print(*tables, f"written: {folder.path}/predictions.jsonl, metrics.json, tables.md", sep="\n\n")
-    if any("time_s" in entry for entry in entries):
+    if any("time_s" in entry.meta for entry in entries):
         with clock.time("counting"):
             folder.write(FILMS, film_evidence(captures, records, folder.path, html))
     if html:

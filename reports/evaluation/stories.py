@@ -14,7 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from data_gen.frame_pair import Cell, FramePair, Source
-from link.captures import KnownWindow, load_entry, read_manifest
+from link.captures import Entry, KnownWindow, read_manifest
 from link.frames import Captured, SoftBits
 from link.images import as_rgb, write_image
 from link.layout import Layout, block_mean
@@ -156,7 +156,7 @@ def captured_stories(
     stories = []
     for index in sorted(by_index)[:strips]:
         stem, rows = f"strip{index}", by_index[index]
-        stories.append(_loaded("strip", stem, index, captures, entries, rows, shown, folder))
+        stories.append(_loaded("strip", stem, index, entries[index], rows, shown, folder))
     wrong = {
         (index, method): int(row["errors"])
         for index, rows in by_index.items()
@@ -169,9 +169,7 @@ def captured_stories(
         mine = sorted((-count, index) for (index, name), count in wrong.items() if name == method)
         for _, index in mine[:each]:
             stem, rows = f"failure{len(stories)}", by_index[index]
-            stories.append(
-                _loaded("failure", stem, index, captures, entries, rows, [method], folder)
-            )
+            stories.append(_loaded("failure", stem, index, entries[index], rows, [method], folder))
     return stories
 
 
@@ -228,24 +226,24 @@ def _loaded(
     kind: Literal["strip", "failure"],
     stem: str,
     index: int,
-    captures: Path,
-    entries: Sequence[dict[str, Any]],
+    entry: Entry,
     by_method: Mapping[str, Any],
     shown: Sequence[str],
     folder: Path,
 ) -> Story:
     """One frame pair of a folder of captures as a story."""
-    entry = entries[index]
-    loaded = load_entry(captures, entry)
+    loaded = entry.load()
     drawn = [by_method[name] for name in shown if name in by_method] or list(by_method.values())[:2]
     if isinstance(loaded, Captured):
-        captured, title = loaded, f"{entry['original']} and {entry['embedded']}"
+        captured, title = loaded, " and ".join(file.name for file in entry.files)
     else:
         number = _worst_of_window(drawn[-1], loaded)
         captured = pair_of_window(loaded, number)
         drawn = [_of_window(row, loaded, number) for row in drawn]
         count = loaded.observation.mixture.count
-        title = f"{entry['window']}: frame pair {number + 1} of {count}, put together from frames"
+        title = (
+            f"{entry.files[0].name}: frame pair {number + 1} of {count}, put together from frames"
+        )
     pictures = [*_seen(captured), *((_caption(row), _bits(captured, row)) for row in drawn)]
     where = ", ".join(
         f"{key} {captured.meta[key]}"

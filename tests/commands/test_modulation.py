@@ -20,7 +20,7 @@ from data_gen.flags import LayoutFlags
 from data_gen.frame_pair import Source
 from export.parity import Parity
 from export.runtime import Decoder
-from link.captures import load_capture, read_manifest
+from link.captures import read_manifest
 from link.embed import embed
 from link.errors import InputError
 from link.images import write_image
@@ -81,7 +81,7 @@ def test_wrong_layouts_end_in_one_line(
 def test_simulated_captures_carry_the_layout(tmp_path: Path, command: Command) -> None:
     done = command(data_gen_cli.main, *FINE, "--frames", 1, "--out", tmp_path / "out")
     (entry,) = read_manifest(tmp_path / "out")
-    assert load_capture(tmp_path / "out", entry).layout == FINE_LAYOUT
+    assert entry.load().layout == FINE_LAYOUT
     done = command(evaluate.main, "--captures", tmp_path / "out", "--out", tmp_path / "run",
                    "--methods", "oorc", "two_step", "naive", "--no-html")  # fmt: skip
     assert "two_step: left out of 1 of 1, it trains on ratex patches" in done.stdout

@@ -257,7 +257,7 @@ def test_a_stored_cell_that_is_corrupted_is_made_again(
     assert file.stat().st_mtime_ns == time_ns  # what is whole is not made again
     line = json.loads(stored)
     del line["sha256"]
-    monkeypatch.setattr(engine, "decode_cell", lambda task: [line])  # decoding takes long
+    monkeypatch.setattr(engine, "decode_cell", lambda task: ([line], {}))  # decoding takes long
     for name, content in damaged_cells(json.loads(stored)).items():
         file.write_bytes(content)
         assert decoded() == expected, name
