@@ -29,7 +29,7 @@ from reports.engine.methods import methods_for
 from reports.engine.predict import Condition, paper_cells
 from reports.engine.protocols import PROTOCOLS, apply_protocol
 from reports.evaluation.captures import evaluate_folder
-from reports.evaluation.evidence import QUICK
+from reports.evaluation.evidence import QUICK_FRAMES
 from reports.evaluation.films import evaluate_films, film_conditions
 from reports.evaluation.page import write_report
 from reports.evaluation.settings import REFERENCE, chosen_sweeps, decisive_settings
@@ -139,7 +139,7 @@ def main() -> None:
         return
     config = replace(config, pairs=pair_names(config.pairs))
     if config.quick:
-        config = replace(config, frames=min(config.frames, QUICK.frames))
+        config = replace(config, frames=min(config.frames, QUICK_FRAMES))
     if config.captures is not None and config.layout() != EvaluateConfig().layout():
         raise InputError("--captures: has layouts of its own; leave out the flags of the layout")
     meta = {"photos": config.photos or None, "pair": config.camera, "view_deg": config.view}

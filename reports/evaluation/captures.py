@@ -11,9 +11,8 @@ from reports.engine.digest import file_digest
 from reports.engine.methods import Method
 from reports.engine.predict import decode_captures
 from reports.engine.provenance import provenance
-from reports.evaluation.evidence import USUAL, Stopwatch, capture_evidence
-from reports.evaluation.films import information_table
-from reports.render.tables import summary_table
+from reports.evaluation.evidence import Stopwatch, captured_pictures
+from reports.render.tables import information_table, summary_table
 from reports.run import PREDICTIONS, RunFolder
 from reports.score.accuracy import score
 
@@ -57,6 +56,7 @@ def evaluate_folder(
         with clock.time("counting"):
             folder.write(FILMS, film_evidence(captures, records, folder.path, html))
     if html:
-        capture_evidence(folder, captures, records, USUAL, clock)
+        with clock.time("pictures"):
+            captured_pictures(folder, captures, records)
     manifest = f"manifest {file_digest([captures / MANIFEST])[:16]}"
     folder.finish(meta, clock.seconds, notes, captures=manifest)

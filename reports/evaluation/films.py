@@ -4,8 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import pandas as pd
-
 from link.errors import at_least
 from reports.engine.backends import Backend
 from reports.engine.methods import Method, suited_methods, suited_to_films
@@ -13,10 +11,9 @@ from reports.engine.predict import Condition, Predicted, paper_cells, predict
 from reports.engine.provenance import provenance
 from reports.evaluation.evidence import Stopwatch
 from reports.films import FilmSource, film_settings
-from reports.render.tables import Table, number, percent, summary_table
+from reports.render.tables import information_table, summary_table
 from reports.run import PREDICTIONS, RunFolder
 from reports.score.accuracy import score
-from reports.score.reliability import told
 
 
 def film_conditions(
@@ -104,20 +101,3 @@ def evaluate_films(
     folder.finish(meta, clock.seconds, [*notes, *predicted.failed])
     print(*tables, f"written: {folder.path}/predictions.jsonl, metrics.json, tables.md", sep="\n\n")
     return predicted.failed
-
-
-def information_table(records: pd.DataFrame) -> Table:
-    """Tabulate how many bits each method read at all, and what its scores tell.
-
-    Args:
-        records: predictions of one condition, or of a folder of captures.
-    """
-    rows = []
-    for method in records["method"].unique():
-        read, information = told(records, method)
-        rows.append([method, percent(read), number(information, 3)])
-    title = (
-        "Bits that were not erased, and the information of all in bits a block and frame pair, by "
-        "how often bits of like scores are right:"
-    )
-    return Table(("method", "read %", "information"), rows, title)

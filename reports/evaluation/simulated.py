@@ -6,9 +6,10 @@ from reports.engine.backends import Backend
 from reports.engine.methods import Method, suited_methods
 from reports.engine.predict import Condition, predict
 from reports.engine.provenance import provenance
-from reports.evaluation.evidence import QUICK, USUAL, SimulatedRun, Stopwatch
+from reports.evaluation.evidence import Stopwatch, simulated_pictures, write_responses
+from reports.evaluation.sweeps import sweep_conditions, swept_methods
 from reports.render.tables import cell_tables, summary_table
-from reports.run import PREDICTIONS, RunFolder
+from reports.run import PREDICTIONS, SWEPT, RunFolder
 from reports.score.accuracy import score
 
 
@@ -30,7 +31,7 @@ def evaluate_simulated(
         folder: folder of the run; its settings are written already.
         backend: where cells are decoded.
         sweeps: names of the sweeps that are measured for the report.
-        quick: whether sweeps have fewer values, and the report less to show.
+        quick: whether sweeps have fewer values.
         html: whether to measure what report.html shows beside the predictions.
 
     Returns:
@@ -50,15 +51,15 @@ def evaluate_simulated(
     folder.write_comparison(predicted.records, meta, "\n\n".join(tables))
     print(*tables, f"written: {folder.path}/predictions.jsonl, metrics.json, tables.md", sep="\n\n")
     if html:
-        run = SimulatedRun(folder, comparison, predicted.records, suited, QUICK if quick else USUAL)
+        records = predicted.records
         with clock.time("sweeps"):
-            swept = run.write_sweeps(sweeps, quick, backend)
+            fewer = max(1, 2 * comparison.frames // 3)
+            conditions = sweep_conditions(sweeps, comparison.source, fewer, quick)
+            swept = predict(conditions, swept_methods(suited), folder.path / SWEPT, backend)
         with clock.time("pictures"):
-            run.write_pictures(swept)
+            simulated_pictures(folder, comparison, records, suited)
         with clock.time("responses"):
-            run.write_responses()
-        with clock.time("cost"):
-            run.write_cost()
+            write_responses(folder, comparison, suited)
         failed = failed + swept.failed
     folder.finish(meta, clock.seconds, [*left_out, *failed])
     return failed

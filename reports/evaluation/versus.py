@@ -1,6 +1,5 @@
 """Two runs on the same captures: who is better, by how much, with paired tests."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -12,10 +11,11 @@ from link.errors import InputError
 from link.files.lock import locked
 from link.images import write_bytes
 from reports.evaluation.html import render
+from reports.evaluation.sweeps import SWEEPS, condition_values
 from reports.render.charts import colour_of
 from reports.render.tables import Table, TableCell, Tint, difference_interval, number, percent
 from reports.run import Run, RunFolder
-from reports.score.paired import COUNTS, KEYS, MIN_FRAMES, Paired, compare, tally
+from reports.score.paired import COUNTS, KEYS, Paired, compare, tally
 
 SAME = (
     *("seed", "pictures", "captures", "without", "set"),
@@ -28,7 +28,7 @@ MAIN = "main comparison"
 """Where a comparison is made, if not in a sweep."""
 HEADS = (
     "method", "A right %", "B right %", "B less A, points", "95 % interval", "errors of B / A",
-    "bits only B / only A has right", "McNemar p", "frame pairs", "bits", "verdict",
+    "bits only B / only A has right", "McNemar p", "frame pairs", "bits",
 )  # fmt: skip
 """Heads of the comparison's tables."""
 
@@ -105,10 +105,10 @@ def match_runs(a: Run, b: Run) -> list[Versus]:
         InputError: a method was sent other bits in one run, or nothing is shared.
     """
     places = {MAIN: (a.records, b.records)}
-    for curve in a.sweeps:
-        conditions = [point.condition for point in curve.points]
+    for name, sweep in SWEEPS.items():
+        conditions = condition_values(name)
         left, right = (run.swept[run.swept["condition"].isin(conditions)] for run in (a, b))
-        places[f"sweep: {curve.title}"] = (left, right)
+        places[f"sweep: {sweep.title}"] = (left, right)
     found = []
     for where, (left, right) in places.items():
         theirs = set(right["method"])
@@ -152,34 +152,18 @@ def remarks(a: Run, b: Run, found: list[Versus]) -> list[str]:
             f"A has {len(frames_a)} frame pairs in its main comparison, B {len(frames_b)}; "
             f"the {len(frames_a & frames_b)} that both have count."
         )
-    if a.about.commit != b.about.commit:
-        notes.append(
-            f"Commits differ ({a.about.commit or 'unknown'}, {b.about.commit or 'unknown'}): "
-            "if the channel was changed between them, the captures are not the same."
+    notes += [
+        f"{key} differs: {left!s:.300}; {right!s:.300}."
+        for key, left, right in (
+            ("commit", a.about.commit, b.about.commit),
+            *(
+                (key, a.about.settings.get(key), b.about.settings.get(key))
+                for key in ("protocol", "run", "checkpoints")
+            ),
         )
-    left, right = a.about.settings, b.about.settings
-    for key in ("protocol", "run"):
-        if left.get(key) != right.get(key):
-            notes.append(f"{key} differs: {left.get(key)}, {right.get(key)}.")
-    one: Mapping[str, str] = left.get("checkpoints", {})
-    two: Mapping[str, str] = right.get("checkpoints", {})
-    for name in one:
-        if name in two and one[name] != two[name]:
-            notes.append(f"checkpoint of {name} differs: {one[name][:12]}, {two[name][:12]}.")
+        if left != right
+    ]
     return notes
-
-
-def verdict(paired: Paired) -> tuple[str, Tint]:
-    """Say by the paired interval which run is better, and with which colour."""
-    if paired.frames < MIN_FRAMES:
-        return "too few frame pairs to tell", ""
-    if paired.low > 0:
-        return "B better", "good"
-    if paired.high < 0:
-        return "A better", "bad"
-    if paired.better + paired.worse == 0:
-        return "equal, bit by bit", ""
-    return "not told apart", ""
 
 
 def _shared_counts(left: pd.DataFrame, right: pd.DataFrame, method: str) -> pd.DataFrame | None:
@@ -197,19 +181,18 @@ def _shared_counts(left: pd.DataFrame, right: pd.DataFrame, method: str) -> pd.D
 
 def _cells(v: Versus) -> list[str | TableCell]:
     bits = v.paired.bits
-    words, tint = verdict(v.paired)
+    tint: Tint = "good" if v.paired.low > 0 else "bad" if v.paired.high < 0 else ""
     return [
         v.method,
         percent(1 - v.errors_a / bits),
         percent(1 - v.errors_b / bits),
-        f"{v.paired.difference:+.2f}",
+        TableCell(f"{v.paired.difference:+.2f}", tint=tint),
         difference_interval(v.paired),
         number(v.paired.ratio, 2),
         f"{v.paired.better} / {v.paired.worse}",
         f"{v.paired.p_bits:.2g}",
         f"{v.paired.frames:,}",
         f"{bits:,}",
-        TableCell(words, tint=tint),
     ]
 
 
