@@ -263,7 +263,7 @@ def test_methods_that_train_on_what_the_layout_lacks_are_left_out() -> None:
 
 def test_the_sweep_of_patches_keeps_the_rest_of_the_layout() -> None:
     base = Source(FINE_LAYOUT)
-    conditions, _ = sweep_conditions(("ratex", "kappa"), base, 1, quick=True)
+    conditions = sweep_conditions(("ratex", "kappa"), base, 1, quick=True)
     layouts = [condition.source.layout for condition in conditions]
     assert [len(layout.ratex) for layout in layouts[:3]] == [1, 3, 5]
     for layout in layouts[:3]:
