@@ -7,6 +7,7 @@ no other method its results.
 """
 
 import platform
+import shutil
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import singledispatch
@@ -25,8 +26,7 @@ from link.files.lock import locked
 from link.images import write_bytes
 from link.layout import Layout
 from link.observation import Observation
-from reports.engine.backends import Backend, one_thread, run_tasks
-from reports.engine.checked import seal
+from reports.engine.backends import Backend, one_thread
 from reports.engine.digest import (
     code_digest,
     file_digest,
@@ -44,6 +44,7 @@ from reports.engine.records import (
     truth_of,
     write_predictions,
 )
+from reports.engine.stored import resume
 
 STORED_VERSION = 3
 """Raise it when `decode_cell` changes what it returns, so that older results are not read again."""
@@ -123,6 +124,11 @@ class Task:
         lack = [m for m in self.methods if any(self.key(m, i) not in found for i in indices)]
         return replace(self, methods=tuple(lack))
 
+    @property
+    def name(self) -> str:
+        """Name that says all that decides the task's predictions."""
+        return f"{self} {short_digest(*(self.marks[method.label] for method in self.methods))}"
+
 
 def paper_cells(
     pairs: Sequence[str], views: Sequence[float] = (0.0, 45.0), kappas: Sequence[int] = (5, 3)
@@ -174,10 +180,24 @@ def predict(
         marks = {m.label: fingerprint(condition, m) for m in mine}
         tasks += [Task(condition, cell, mine, marks) for cell in condition.cells]
     part = file.with_name(f"{file.name}.part")
+    traces = file.parent / "failed"
     with locked(file.parent):
-        stored = [*stored_predictions(file), *stored_predictions(part)]
-        found = {key_of(line): line for line in stored}
-        failed, unsuited = _decode_missing(tasks, found, part, backend)
+        found = {key_of(line): line for line in stored_predictions(file)}
+        lacking = [lack for task in tasks if (lack := task.without(found)).methods]
+        missing = {task.name: task for task in lacking}
+        results, failures = resume(decode_cell, missing, part, backend, "decode")
+        shutil.rmtree(traces, ignore_errors=True)
+        unsuited: dict[str, list[str]] = {}
+        for lines, left_out in results.values():
+            found |= {key_of(line): line for line in lines}
+            for label, reason in left_out.items():
+                unsuited.setdefault(label, []).append(reason)
+        failed = {}
+        for name, failure in failures.items():
+            task = str(missing[name])
+            trace = traces / f"{task.replace('/', '_')}.txt"
+            write_bytes(trace, failure.trace.encode())
+            failed[task] = f"{failure.reason} ({trace})"
         whole = [task for task in tasks if str(task) not in failed]
         keys = [
             task.key(method, index)
@@ -185,45 +205,14 @@ def predict(
             for index in task.condition.indices
             for method in task.methods
         ]
-        lines = [found[key] for key in keys if key in found]
+        predictions = [found[key] for key in keys if key in found]
         if whole or not tasks:
-            write_predictions(file, lines)
+            write_predictions(file, predictions)
         part.unlink()
     if failed and not whole:
         raise InputError(next(iter(failed.values())))
     reports = sorted(f"{task}: {why}" for task, why in failed.items())
-    return Predicted(to_records(lines), reports, unsuited)
-
-
-def _decode_missing(
-    tasks: Sequence[Task], found: Found, part: Path, backend: Backend
-) -> tuple[dict[str, str], dict[str, list[str]]]:
-    """Decode what is not found yet, and add it to ``found`` and to the file ``part``.
-
-    Returns:
-        for each task that failed the reason, with the file of its traceback, and for each method
-        that did not suit a cell why.
-    """
-    missing = [lack for task in tasks if (lack := task.without(found)).methods]
-    done, failed = len(tasks) - len(missing), {}
-    unsuited: dict[str, list[str]] = {}
-    with part.open("a", encoding="utf-8") as stream:
-        for outcome in run_tasks(decode_cell, missing, backend, "decode", done):
-            task = str(missing[outcome.index])
-            trace = part.parent / "failed" / f"{task.replace('/', '_')}.txt"
-            if outcome.failure is not None:
-                write_bytes(trace, outcome.failure.trace.encode())
-                failed[task] = f"{outcome.failure.reason} ({trace})"
-                continue
-            lines, left_out = outcome.result
-            for line in lines:
-                found[key_of(line)] = line
-                stream.write(seal(line))
-            stream.flush()
-            for label, reason in left_out.items():
-                unsuited.setdefault(label, []).append(reason)
-            trace.unlink(missing_ok=True)
-    return failed, unsuited
+    return Predicted(to_records(predictions), reports, unsuited)
 
 
 def predict_all(

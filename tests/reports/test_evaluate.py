@@ -137,8 +137,7 @@ def test_a_run_that_was_cut_off_goes_on_to_the_same_bytes(
 
     decode_cell = engine.decode_cell
     monkeypatch.setattr(engine, "decode_cell", noted)
-    predictions.with_name("predictions.jsonl.part").write_bytes(lines[0] + lines[1][:-9])
-    predictions.unlink()
+    predictions.write_bytes(lines[0] + lines[1][:-9])
     command(evaluate.main, *run)
     assert predictions.read_bytes() == before
     assert len(decoded) == 2
