@@ -28,12 +28,16 @@ from reports.engine.backends import Backend, make_backend
 from reports.engine.methods import methods_for
 from reports.engine.predict import Condition, paper_cells
 from reports.engine.protocols import PROTOCOLS, apply_protocol
-from reports.evaluation.captures import evaluate_folder
+from reports.evaluation.comparison import (
+    compare_on,
+    evaluate_folder,
+    evaluate_simulated,
+    film_conditions,
+    film_tables,
+)
 from reports.evaluation.evidence import QUICK_FRAMES
-from reports.evaluation.films import evaluate_films, film_conditions
 from reports.evaluation.page import write_report
 from reports.evaluation.settings import REFERENCE, chosen_sweeps, decisive_settings
-from reports.evaluation.simulated import evaluate_simulated
 from reports.evaluation.sweeps import SWEEPS
 from reports.evaluation.versus import compare_runs
 from reports.render.annotated import write_annotated
@@ -165,7 +169,8 @@ def main() -> None:
         if config.benchmark:
             failed = run_benchmark(methods, folder, backend)
         elif config.films:
-            failed = evaluate_films(comparisons, methods, folder, config.seed, backend)
+            run = (comparisons, methods, folder, backend, config.seed)
+            failed = compare_on(*run, film_tables)
         elif config.captures is None:
             sweeps, amount = chosen_sweeps(config, config.sweeps), {"quick": config.quick}
             amount["html"] = config.html
@@ -175,7 +180,8 @@ def main() -> None:
             if door is not None:
                 captures = config.out / CAPTURES
                 notes = door.record(captures)
-            evaluate_folder(captures, methods, folder, config.seed, backend, config.html, notes)
+            folder_run = (captures, methods, folder, config.seed, backend, config.html)
+            failed = evaluate_folder(*folder_run, notes)
             if config.show is not None:
                 write_annotated(captures, methods, config.show)
         if config.html:

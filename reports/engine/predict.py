@@ -8,6 +8,7 @@ no other method its results.
 
 import platform
 import shutil
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import singledispatch
@@ -68,8 +69,6 @@ class Condition:
     `Entry` of a folder of captures that is the source, too."""
     frames: int
     """Number of observations of each cell: frame pairs, or windows of as many films."""
-    without: tuple[str, ...] = ()
-    """Labels of methods that do not suit its layout, and so do not decode it."""
     start: int = 0
     """Number of the first observation."""
     called: str = ""
@@ -89,8 +88,8 @@ class Predicted:
     """The table of predictions, with conditions, cells and observations in the order given."""
     failed: list[str]
     """One line for each cell that failed, with the file of its traceback."""
-    unsuited: dict[str, list[str]]
-    """By label, why a method left out cells that it does not suit: a reason for each cell."""
+    left_out: list[str]
+    """One line for each method and condition of which it left out cells that it does not suit."""
 
 
 @dataclass(frozen=True)
@@ -170,15 +169,14 @@ def predict(
         pictures last, and what failed; the next run tries the failed cells again.
 
     Raises:
-        InputError: no cell could be decoded, the backend cannot be had, or another process writes
-            the folder.
+        InputError: no cell could be decoded, no method suits, the backend cannot be had, or another
+            process writes the folder.
     """
     ordered = tuple(sorted(methods, key=lambda method: method.card.equalised))
     tasks = []
     for condition in conditions:
-        mine = tuple(method for method in ordered if method.label not in condition.without)
-        marks = {m.label: fingerprint(condition, m) for m in mine}
-        tasks += [Task(condition, cell, mine, marks) for cell in condition.cells]
+        marks = {m.label: fingerprint(condition, m) for m in methods}
+        tasks += [Task(condition, cell, ordered, marks) for cell in condition.cells]
     part = file.with_name(f"{file.name}.part")
     traces = file.parent / "failed"
     with locked(file.parent):
@@ -187,11 +185,11 @@ def predict(
         missing = {task.name: task for task in lacking}
         results, failures = resume(decode_cell, missing, part, backend, "decode")
         shutil.rmtree(traces, ignore_errors=True)
-        unsuited: dict[str, list[str]] = {}
-        for lines, left_out in results.values():
+        left_out: dict[tuple[str, str], list[str]] = {}
+        for name, (lines, unsuited) in results.items():
             found |= {key_of(line): line for line in lines}
-            for label, reason in left_out.items():
-                unsuited.setdefault(label, []).append(reason)
+            for label, reason in unsuited.items():
+                left_out.setdefault((missing[name].condition.name, label), []).append(reason)
         failed = {}
         for name, failure in failures.items():
             task = str(missing[name])
@@ -211,8 +209,15 @@ def predict(
         part.unlink()
     if failed and not whole:
         raise InputError(next(iter(failed.values())))
+    cells = Counter(task.condition.name for task in tasks)
+    notes = [
+        f"{name}{': ' * bool(name)}{label}: left out of {len(why)} of {cells[name]}, {why[-1]}"
+        for (name, label), why in left_out.items()
+    ]
+    if tasks and not predictions:
+        raise InputError(f"no method suits what is decoded; {'; '.join(notes)}")
     reports = sorted(f"{task}: {why}" for task, why in failed.items())
-    return Predicted(to_records(predictions), reports, unsuited)
+    return Predicted(to_records(predictions), reports, notes)
 
 
 def predict_all(
@@ -224,8 +229,8 @@ def predict_all(
         InputError: a cell failed, or a method does not suit one; the others are stored.
     """
     predicted = predict(conditions, methods, file, backend)
-    for label, (reason, *_) in predicted.unsuited.items():
-        raise InputError(f"method {label}: {reason}")
+    if predicted.left_out:
+        raise InputError(predicted.left_out[0])
     if predicted.failed:
         total = sum(len(condition.cells) for condition in conditions)
         raise InputError(f"{len(predicted.failed)} of {total} cells failed: {predicted.failed[0]}")
@@ -359,43 +364,3 @@ def recorded_conditions(captures: Path, only: Collection[int] | None = None) -> 
         for index, entry in enumerate(read_manifest(captures))
         if only is None or index in only
     ]
-
-
-def decode_captures(
-    captures: Path,
-    methods: Sequence[Method],
-    file: Path,
-    backend: Backend,
-    only: Collection[int] | None = None,
-) -> tuple[pd.DataFrame, list[str]]:
-    """Decode a folder of captures with `predict`, and store the predictions.
-
-    Args:
-        captures: folder with a manifest.
-        methods: methods with different labels.
-        file: takes the predictions.
-        backend: where entries are decoded.
-        only: numbers of the entries that are decoded; None for all.
-
-    Returns:
-        the table of predictions, and a line for each method that was left out or does not suit.
-
-    Raises:
-        InputError: the folder or a capture is no good, or no method suits it.
-    """
-    conditions = recorded_conditions(captures, only)
-    predicted = predict(conditions, methods, file, backend)
-    if predicted.failed:
-        raise InputError(predicted.failed[0])
-    notes = {
-        label: f"{label}: left out of {len(reasons)} of {len(conditions)}, {reasons[-1]}"
-        for label, reasons in predicted.unsuited.items()
-    }
-    if predicted.records.empty:
-        raise InputError(f"{captures}: no method fits; {'; '.join(notes.values())}")
-    entries = [condition.source for condition in conditions]
-    labels = {method.label for method in methods}
-    unequal = any(entry.layout.ratex and not entry.meta.get("equalised") for entry in entries)
-    if unequal and "hidden_ratex" in labels:
-        notes.setdefault("hidden_ratex", "hidden_ratex: these pictures were not equalised for it")
-    return predicted.records, list(notes.values())

@@ -9,7 +9,6 @@ import pandas as pd
 from data_gen.channel.optics import CAPTURE_WIDTH, FILL
 from data_gen.frame_pair import Cell, Source
 from link.layout import make_layout
-from reports.engine.methods import Method
 from reports.engine.predict import Condition
 from reports.score.accuracy import pool, score
 
@@ -136,11 +135,6 @@ def swept_accuracies(records: pd.DataFrame) -> list[tuple[Sweep, pd.DataFrame]]:
             mine = mine.assign(value=mine["condition"].map(values))
             found.append((sweep, mine.sort_values("value", kind="stable")))
     return found
-
-
-def swept_methods(methods: Sequence[Method]) -> list[Method]:
-    """The methods that sweeps decode: twins of others are left out."""
-    return [m for m in methods if not m.card.twin_of]
 
 
 def _condition(
