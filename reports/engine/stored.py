@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 from link.files.lock import locked
 from link.images import write_bytes
 from link.outside import is_file
-from reports.engine.backends import Backend, Failure, run_tasks
+from reports.engine.backends import Backend, Outcome, run_tasks
 from reports.engine.checked import read_sealed, seal
 
 T = TypeVar("T")
@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 def resume(
     task: Callable[[T], Any], items: Mapping[str, T], file: Path, backend: Backend, title: str
-) -> tuple[dict[str, Any], dict[str, Failure]]:
+) -> tuple[dict[str, Any], dict[str, Outcome]]:
     """Run a task for each item whose result is not in a file yet, and add the new results to it.
 
     Args:
@@ -46,8 +46,8 @@ def resume(
         with file.open("a", encoding="utf-8") as stream:
             for outcome in run_tasks(task, list(missing.values()), backend, title, done):
                 name = names[outcome.index]
-                if outcome.failure is not None:
-                    failed[name] = outcome.failure
+                if outcome.reason:
+                    failed[name] = outcome
                     continue
                 line = seal({"name": name, "result": outcome.result})
                 stream.write(line)
