@@ -16,7 +16,7 @@
 import json
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, is_dataclass
+from dataclasses import asdict, dataclass, is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -91,14 +91,6 @@ class Response:
     def __post_init__(self) -> None:
         if len({len(self.displayed), len(self.median), len(self.low), len(self.high)}) != 1:
             raise ValueError("displayed, median, low and high have different lengths")
-
-
-@dataclass(frozen=True)
-class UsedCheckpoints:
-    """The part of a run's settings that the report takes apart."""
-
-    checkpoints: dict[str, str] = field(default_factory=dict)
-    """Digest of the checkpoint by method; empty where it has none."""
 
 
 @dataclass(frozen=True)
@@ -297,7 +289,7 @@ class RunFolder:
                 films=self._read(FILMS, FilmEvidence) if is_file(self.path / FILMS) else None,
             )
             checked(Making, run.about.meta, "run.json, meta")
-            checked(UsedCheckpoints, run.about.settings, "run.json, settings")
+            checked(dict[str, str], run.about.settings.get("checkpoints", {}), "run.json, settings")
             for _, picture in run.films.maps if run.films else ():
                 inside(self.path, picture, FILMS)
             for story in run.stories:

@@ -58,13 +58,7 @@ def sweep_figure(sweep: Sweep, swept: pd.DataFrame) -> Figure:
     set_accuracy_axis(panel, max(LEAST, swept["accuracy"].min()))
     lines: dict[str, list[Point]] = {}
     for row in swept.itertuples():
-        note = (
-            f"{row.method}, {row.value:g}: {percent(row.accuracy)} % "
-            f"({share_interval(row.low, row.high)}), {row.errors} of {row.bits} bits wrong"
-        )
-        lines.setdefault(row.method, []).append(
-            Point(row.value, row.accuracy, row.low, row.high, note)
-        )
+        lines.setdefault(row.method, []).append(Point(row.value, row.accuracy, row.low, row.high))
     draw_series(panel, [Series(method, points) for method, points in lines.items()])
     return figure
 

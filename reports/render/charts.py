@@ -54,8 +54,6 @@ SVG = "{http://www.w3.org/2000/svg}"
 """Namespace of SVG, as ElementTree writes it before the names of elements."""
 LINK = "{http://www.w3.org/1999/xlink}href"
 """Attribute by which an element of SVG refers to another."""
-NOTE = "note: "
-"""Begins the id of a drawn thing whose rest is shown where the pointer rests on it."""
 
 STYLE: dict[str, Any] = {
     "font.size": 11.5,
@@ -112,8 +110,6 @@ class Point:
     """Lower end of the interval of ``y``."""
     high: float
     """Upper end of the interval of ``y``."""
-    note: str = ""
-    """Text that the page shows where the pointer rests on the point."""
 
 
 @dataclass(frozen=True)
@@ -261,8 +257,7 @@ def draw_series(
             ends = np.clip([point.low, point.high], low, high)
             panel.plot([point.x] * 2, ends, linewidth=1.1, alpha=0.75, **look)
             edge: dict[str, Any] = {"markeredgecolor": PAPER, "markeredgewidth": 0.6}
-            (mark,) = panel.plot([point.x], [height], marker_of(line.label), **edge, **look)
-            add_note(mark, point.note)
+            panel.plot([point.x], [height], marker_of(line.label), **edge, **look)
     order = {name: number for number, name in enumerate(DECODERS)}  # others stand before them
     handles = [
         Line2D(
@@ -331,11 +326,7 @@ def _simplify(element: ET.Element, prefix: str) -> None:
     if LINK in attributes:
         attributes["href"] = attributes.pop(LINK).replace("#", f"#{prefix}")
     name = attributes.pop("id", "")
-    if name.startswith(NOTE):
-        note = ET.Element(f"{SVG}title")
-        note.text = name.removeprefix(NOTE)
-        element.insert(0, note)
-    elif element.tag in ("path", "clipPath"):
+    if element.tag in ("path", "clipPath"):
         attributes["id"] = prefix + name
     if not name:
         attributes.pop("id", None)
@@ -352,9 +343,3 @@ def _simplify(element: ET.Element, prefix: str) -> None:
     element.tail = None
     if element.tag == "g":
         element.text = None
-
-
-def add_note(artist: Any, note: str) -> None:
-    """Let the page show a text where the pointer rests on a drawn thing."""
-    if note:
-        artist.set_gid(f"{NOTE}{note}")
