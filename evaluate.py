@@ -16,7 +16,7 @@ import tyro
 from data_gen.flags import SourceFlags
 from data_gen.frame_pair import shuffled_pictures
 from data_gen.pairs import PAIRS, pair_names
-from link.captures import read_layouts
+from link.captures import read_manifest
 from link.cli import check_flags, run_cli
 from link.errors import InputError, at_least, choose, each_once
 from link.files.lock import locked
@@ -28,12 +28,16 @@ from reports.engine.backends import Backend, make_backend
 from reports.engine.methods import methods_for
 from reports.engine.predict import Condition, paper_cells
 from reports.engine.protocols import PROTOCOLS, apply_protocol
-from reports.evaluation.captures import evaluate_folder
-from reports.evaluation.evidence import QUICK
-from reports.evaluation.films import evaluate_films, film_conditions
+from reports.evaluation.comparison import (
+    compare_on,
+    evaluate_folder,
+    evaluate_simulated,
+    film_conditions,
+    film_tables,
+)
+from reports.evaluation.evidence import QUICK_FRAMES
 from reports.evaluation.page import write_report
 from reports.evaluation.settings import REFERENCE, chosen_sweeps, decisive_settings
-from reports.evaluation.simulated import evaluate_simulated
 from reports.evaluation.sweeps import SWEEPS
 from reports.evaluation.versus import compare_runs
 from reports.render.annotated import write_annotated
@@ -139,7 +143,7 @@ def main() -> None:
         return
     config = replace(config, pairs=pair_names(config.pairs))
     if config.quick:
-        config = replace(config, frames=min(config.frames, QUICK.frames))
+        config = replace(config, frames=min(config.frames, QUICK_FRAMES))
     if config.captures is not None and config.layout() != EvaluateConfig().layout():
         raise InputError("--captures: has layouts of its own; leave out the flags of the layout")
     meta = {"photos": config.photos or None, "pair": config.camera, "view_deg": config.view}
@@ -155,7 +159,8 @@ def main() -> None:
     if door is not None:
         layouts = door.layouts
     else:
-        layouts = read_layouts(config.captures) if config.captures else [config.layout()]
+        entries = read_manifest(config.captures) if config.captures else []
+        layouts = list(dict.fromkeys(entry.layout for entry in entries)) or [config.layout()]
     folder = RunFolder(config.out)
     with locked(config.out):
         settings = decisive_settings(config, methods, layouts)
@@ -164,7 +169,8 @@ def main() -> None:
         if config.benchmark:
             failed = run_benchmark(methods, folder, backend)
         elif config.films:
-            failed = evaluate_films(comparisons, methods, folder, config.seed, backend)
+            run = (comparisons, methods, folder, backend, config.seed)
+            failed = compare_on(*run, film_tables)
         elif config.captures is None:
             sweeps, amount = chosen_sweeps(config, config.sweeps), {"quick": config.quick}
             amount["html"] = config.html
@@ -174,7 +180,8 @@ def main() -> None:
             if door is not None:
                 captures = config.out / CAPTURES
                 notes = door.record(captures)
-            evaluate_folder(captures, methods, folder, config.seed, backend, config.html, notes)
+            folder_run = (captures, methods, folder, config.seed, backend, config.html)
+            failed = evaluate_folder(*folder_run, notes)
             if config.show is not None:
                 write_annotated(captures, methods, config.show)
         if config.html:

@@ -19,7 +19,7 @@ import tyro
 from matplotlib.figure import Figure
 
 from link.cli import check_flags
-from link.errors import at_least
+from link.errors import InputError, at_least
 from link.files.lock import locked
 from link.images import write_bytes
 from link.outside import read_json
@@ -99,7 +99,11 @@ class Workshop:
         file = self.out / f"{task.__name__}_{mark}.jsonl"
         keys = {name: f"{name} {short_digest(repr(item))}" for name, item in items.items()}
         named = {keys[name]: item for name, item in items.items()}
-        results = resume(task, named, file, self.backend, task.__name__.replace("_", " "))
+        title = task.__name__.replace("_", " ")
+        results, failed = resume(task, named, file, self.backend, title)
+        if failed:
+            reasons = "; ".join(f"{name}: {failure.reason}" for name, failure in failed.items())
+            raise InputError(f"{title}: {len(failed)} of {len(items)} failed: {reasons}")
         return {name: results[key] for name, key in keys.items()}
 
     def predict(self, conditions: Sequence[Condition], methods: Sequence[Method]) -> pd.DataFrame:

@@ -4,7 +4,7 @@ import hashlib
 import io
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -57,6 +57,10 @@ class KnownWindow:
     def layout(self) -> Layout:
         """Layout that the window shows."""
         return self.observation.layout
+
+    def rectified(self) -> Observation:
+        """What decoders take, as `link.frames.Captured.rectified` gives of a frame pair."""
+        return self.observation
 
 
 def save_captures(folder: Path, captures: Iterable[Captured | KnownWindow]) -> int:
@@ -161,17 +165,83 @@ def _window(stored: Any, number: int, layout: Layout) -> KnownWindow:
     return KnownWindow(observation, bits.astype(np.int64))
 
 
-def is_window(entry: dict[str, Any]) -> bool:
-    """Tell whether an entry of a manifest is a window of film, and not a frame pair."""
-    return "window" in entry
+@dataclass(frozen=True)
+class Entry:
+    """An entry of a manifest: a frame pair, or a window of film."""
+
+    where: str
+    """Path of the manifest, and number of the line."""
+    content: dict[str, Any]
+    """The line of the manifest."""
+    files: tuple[Path, ...]
+    """Both frames of a pair, or the file of a window; within the folder."""
+    layout: Layout
+    """Layout that the display shows."""
+    kappa: int | None
+    """Gray levels added where a bit is 1; None where they are not known."""
+    meta: dict[str, Any]
+    """Further keys, such as pair, view_deg, film and time_s."""
+
+    @property
+    def is_window(self) -> bool:
+        """Whether it is a window of film, and not a frame pair."""
+        return len(self.files) == 1
+
+    @property
+    def pair(self) -> str:
+        """Name of the camera-display pair; "captures" where it is not known."""
+        return str(self.meta.get("pair", "captures"))
+
+    @property
+    def view_deg(self) -> float | None:
+        """Angle of observation, degrees; None where it is not known."""
+        return self.meta.get("view_deg")
+
+    def load(self) -> Captured | KnownWindow:
+        """Read the frames.
+
+        Raises:
+            InputError: a file is missing, unreadable or differs from its sha256, or a field is
+                wrong.
+        """
+        try:
+            loaded = self._load_window() if self.is_window else self._load_pair()
+        except InputError as error:
+            raise InputError(f"{self.where}: {error}") from None
+        digest = hashlib.sha256(b"".join(file.read_bytes() for file in self.files)).hexdigest()
+        if self.content.get("sha256", digest) != digest:
+            names = " or ".join(file.name for file in self.files)
+            raise InputError(f"{self.where}: {names}: differs from the manifest's sha256")
+        return loaded
+
+    def _load_window(self) -> KnownWindow:
+        windows = unpack_windows(self.files[0], self.layout)
+        if len(windows) != 1:
+            raise InputError(f"holds {len(windows)} windows; need one")
+        return replace(windows[0], kappa=self.kappa, meta=self.meta)
+
+    def _load_pair(self) -> Captured:
+        original, embedded = map(read_image, self.files)
+        content = self.content
+        return Captured(
+            original=original,
+            embedded=embedded,
+            layout=self.layout,
+            corners=as_corners(content["corners"]),
+            corners_embedded=as_corners(content.get("corners_embedded", content["corners"])),
+            bits=_bits(content.get("bits"), self.layout),
+            kappa=self.kappa,
+            ratex_kappa=_kappa(content.get("ratex_kappa"), "ratex_kappa"),
+            meta=self.meta,
+        )
 
 
-def read_manifest(folder: Path) -> list[dict[str, Any]]:
+def read_manifest(folder: Path) -> list[Entry]:
     """Read the manifest's entries, each checked to be a JSON object with the keys it needs.
 
     Raises:
-        InputError: no manifest, an empty one, a line that is neither frame pair nor window, or a
-            file that lies outside the folder.
+        InputError: no manifest, an empty one, a line that is neither frame pair nor window, a file
+            that lies outside the folder, or a field by which tables are grouped is wrong.
     """
     file = folder / MANIFEST
     if not is_file(file):
@@ -179,92 +249,25 @@ def read_manifest(folder: Path) -> list[dict[str, Any]]:
             f"{file}: not found; a folder of captures needs a {MANIFEST}, and a film or "
             "photographs need --sent, what was shown"
         )
-    entries: list[dict[str, Any]] = []
-    for where, entry in read_json_lines(file):
-        if not isinstance(entry, dict):
-            raise InputError(f"{where}: need a JSON object, got {entry!r:.60}")
-        files = ("window",) if is_window(entry) else ("original", "embedded")
-        needed = {*files, "layout"} if is_window(entry) else {*files, "layout", "corners"}
-        missing = needed - set(entry)
-        if missing:
-            raise InputError(f"{where}: lacks {', '.join(sorted(missing))}")
-        for key in files:
-            inside(folder, entry[key], f"{where}, {key}")
-        entries.append(entry)
+    entries = [_entry(folder, content, where) for where, content in read_json_lines(file)]
     if not entries:
         raise InputError(f"{file}: lists no frame pair")
     return entries
 
 
-def read_layouts(folder: Path) -> list[Layout]:
-    """Read the layouts of a folder's frame pairs, each once.
-
-    Raises:
-        InputError: the manifest is no good, or a frame pair has no layout.
-    """
-    found: dict[Layout, None] = {}
-    for entry in read_manifest(folder):
-        try:
-            found[Layout.from_dict(entry["layout"])] = None
-        except InputError as error:
-            name = entry.get("window") or entry["original"]
-            raise InputError(f"{folder / MANIFEST}, {name}: {error}") from None
-    return list(found)
-
-
-def load_entry(folder: Path, entry: dict[str, Any]) -> Captured | KnownWindow:
-    """Read the frame pair or the window of one manifest entry.
-
-    Raises:
-        InputError: a file is missing, unreadable or outside the folder, differs from its sha256, or
-            a field is wrong.
-    """
-    if not is_window(entry):
-        return load_capture(folder, entry)
-    file = inside(folder, entry["window"], f"{folder / MANIFEST}, window")
-    if not is_file(file):
-        raise InputError(f"{file}: not found")
-    if entry.get("sha256", digest := hashlib.sha256(file.read_bytes()).hexdigest()) != digest:
-        raise InputError(f"{file}: differs from the manifest's sha256")
+def _entry(folder: Path, content: Any, where: str) -> Entry:
+    if not isinstance(content, dict):
+        raise InputError(f"{where}: need a JSON object, got {content!r:.60}")
+    keys = ("window",) if "window" in content else ("original", "embedded")
+    missing = {*keys, "layout", *(() if "window" in content else ("corners",))} - set(content)
+    if missing:
+        raise InputError(f"{where}: lacks {', '.join(sorted(missing))}")
+    files = tuple(inside(folder, content[key], f"{where}, {key}") for key in keys)
     try:
-        windows = unpack_windows(file, Layout.from_dict(entry["layout"]))
-        if len(windows) != 1:
-            raise InputError(f"holds {len(windows)} windows; need one")
-        kappa, meta = _kappa(entry.get("kappa")), _meta(entry)
+        layout, kappa = Layout.from_dict(content["layout"]), _kappa(content.get("kappa"))
+        return Entry(where, content, files, layout, kappa, _meta(content))
     except InputError as error:
-        raise InputError(f"{folder / MANIFEST}, {file.name}: {error}") from None
-    return KnownWindow(windows[0].observation, windows[0].bits, kappa, meta)
-
-
-def load_capture(folder: Path, entry: dict[str, Any]) -> Captured:
-    """Read the frame pair of one manifest entry.
-
-    Raises:
-        InputError: a file is missing, unreadable or outside the folder, differs from its sha256, or
-            a field is wrong.
-    """
-    file = folder / MANIFEST
-    paths = [inside(folder, entry[key], f"{file}, {key}") for key in ("original", "embedded")]
-    frames = [read_image(path) for path in paths]
-    if "sha256" in entry:
-        digest = hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()
-        if digest != entry["sha256"]:
-            raise InputError(f"{paths[0]} or {paths[1].name}: differs from the manifest's sha256")
-    try:
-        layout = Layout.from_dict(entry["layout"])
-        return Captured(
-            original=frames[0],
-            embedded=frames[1],
-            layout=layout,
-            corners=as_corners(entry["corners"]),
-            corners_embedded=as_corners(entry.get("corners_embedded", entry["corners"])),
-            bits=_bits(entry.get("bits"), layout),
-            kappa=_kappa(entry.get("kappa")),
-            ratex_kappa=_kappa(entry.get("ratex_kappa"), "ratex_kappa"),
-            meta=_meta(entry),
-        )
-    except InputError as error:
-        raise InputError(f"{file}, {entry['original']}: {error}") from None
+        raise InputError(f"{where}: {error}") from None
 
 
 def _kappa(value: Any, key: str = "kappa") -> int | None:

@@ -22,12 +22,18 @@ from link.presets import PRESETS
 from reports.engine.backends import Backend, one_thread, run_tasks
 from reports.engine.digest import code_digest
 from reports.engine.methods import Method
-from reports.engine.predict import Condition, checkpoint_digest, observe, paper_cells
+from reports.engine.predict import (
+    Condition,
+    Predicted,
+    checkpoint_digest,
+    observe,
+    paper_cells,
+)
 from reports.engine.provenance import provenance
+from reports.evaluation.comparison import compare_on, film_conditions
 from reports.evaluation.evidence import Stopwatch
-from reports.evaluation.films import film_conditions, predict_suited
 from reports.render.tables import Table, TableCell, percent, share_interval
-from reports.run import PREDICTIONS, RunFolder
+from reports.run import RunFolder
 from reports.score.accuracy import pool, score
 
 VERSION = 1
@@ -80,34 +86,37 @@ def run_benchmark(methods: Sequence[Method], folder: RunFolder, backend: Backend
     Returns:
         a line for each cell that failed.
     """
-    conditions, clock = benchmark_conditions(), Stopwatch()
-    with clock.time("decoding"):
-        predicted, notes = predict_suited(conditions, methods, folder.path / PREDICTIONS, backend)
-    digests = {
-        conditions[outcome.index].name: outcome.result or "failed"
-        for outcome in run_tasks(frames_digest, conditions, backend, "digest of frames")
-    }
-    pooled = pool(score(predicted.records), by=("condition", "method"))
-    table = benchmark_table(pooled, [condition.name for condition in conditions]).markdown()
-    meta = {**provenance(SEED, simulated=True), "failed_cells": predicted.failed}
-    folder.write_comparison(predicted.records, meta, table)
-    result = {
-        "benchmark": VERSION,
-        "made_by": meta,
-        "conditions": {
-            each.name: {
-                "frames": digests[each.name],
-                "observations": each.frames * len(each.cells),
+    conditions = benchmark_conditions()
+
+    def tabulate(records: pd.DataFrame) -> list[Table]:
+        pooled = pool(score(records), by=("condition", "method"))
+        return [benchmark_table(pooled, [condition.name for condition in conditions])]
+
+    def write_result(predicted: Predicted, clock: Stopwatch) -> list[str]:
+        with clock.time("digests"):
+            digests = {
+                conditions[outcome.index].name: outcome.result or "failed"
+                for outcome in run_tasks(frames_digest, conditions, backend, "digest of frames")
             }
-            for each in conditions
-        },
-        "decoders": [decoder_result(method, conditions, pooled) for method in methods],
-        "failed_cells": predicted.failed,
-    }
-    write_bytes(folder.path / RESULT, (json.dumps(result, indent=1, default=str) + "\n").encode())
-    folder.finish(meta, clock.seconds, [*notes, *predicted.failed])
-    print(table, f"written: {folder.path / RESULT}, predictions.jsonl", sep="\n\n")
-    return predicted.failed
+        pooled = pool(score(predicted.records), by=("condition", "method"))
+        result = {
+            "benchmark": VERSION,
+            "made_by": provenance(SEED, simulated=True),
+            "conditions": {
+                each.name: {
+                    "frames": digests[each.name],
+                    "observations": each.frames * len(each.cells),
+                }
+                for each in conditions
+            },
+            "decoders": [decoder_result(method, conditions, pooled) for method in methods],
+            "failed_cells": predicted.failed,
+        }
+        text = json.dumps(result, indent=1, default=str) + "\n"
+        write_bytes(folder.path / RESULT, text.encode())
+        return []
+
+    return compare_on(conditions, methods, folder, backend, SEED, tabulate, beside=write_result)
 
 
 def benchmark_table(pooled: pd.DataFrame, names: Sequence[str]) -> Table:

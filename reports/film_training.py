@@ -151,8 +151,8 @@ def recorded(config: FilmTrainConfig, split: str, folder: Path) -> list[KnownWin
     backend = Backend(config.jobs)
     done = len(recordings) - len(missing)
     for outcome in run_tasks(Recording.make, missing, backend, f"{split} films", done):
-        if outcome.failure is not None:
-            raise InputError(f"a film could not be made: {outcome.failure.reason}")
+        if outcome.reason:
+            raise InputError(f"a film could not be made: {outcome.reason}")
     windows = [window for each in recordings for window in load_windows(each)]
     if not windows:
         raise InputError("no film shows its message clearly; film more with --seconds, --number")

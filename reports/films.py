@@ -141,7 +141,7 @@ def _(source: FilmSource, cell: Cell, index: int, equalised: bool) -> tuple[Obse
     found, picture = _film(source, cell, index // each, each)
     cut = found[index % each]
     truth = Truth(cell.pair, cell.view_deg, cell.kappa, picture, truth_of(cut).bits)
-    return cut.observation if isinstance(cut, KnownWindow) else cut.rectified(), truth
+    return cut.rectified(), truth
 
 
 @lru_cache(maxsize=2)

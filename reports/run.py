@@ -4,10 +4,10 @@
 |---|---|
 | config.json | the settings that decide the result; written first |
 | predictions.jsonl, metrics.json, metrics.csv, tables.md | the main comparison |
-| sweeps.json, sweeps.jsonl | what was swept, and the predictions there |
+| sweeps.jsonl | the predictions of the sweeps |
 | *.jsonl.part | predictions of a run that is under way or was cut off (`reports.engine.predict`) |
-| stories.json, stories/ | single frame pairs as pictures |
-| response.json, cost.json | inverse responses that methods find, and their time |
+| stories.json, stories/ | the captures that are read worst, as pictures |
+| response.json | inverse responses that methods find |
 | films.json | what the receiver saw of films, and where bits are wrong |
 | run.json | command, versions, machine; its presence marks a finished run |
 | report.html | the page |
@@ -16,9 +16,9 @@
 import json
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, is_dataclass
+from dataclasses import asdict, dataclass, is_dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import pandas as pd
 from pydantic import Field
@@ -35,16 +35,14 @@ from reports.engine.records import read_predictions
 from reports.score.accuracy import read_scores, score, to_score_rows, write_scores
 
 T = TypeVar("T")
-Multiple = Annotated[float, Field(ge=1e-6, le=1e9)]
-"""Type of a multiple of a time, which charts show on a logarithmic axis."""
 MAX_PICTURE_BYTES = 64 * 2**20
 """Largest size, in bytes, of a picture of a stored run that the report shows."""
 REPORT = "report.html"
 """Name of the page of a run."""
 PREDICTIONS, SWEPT = "predictions.jsonl", "sweeps.jsonl"
 """Names of the files of the predictions of the main comparison, and of the sweeps."""
-SWEEPS, STORIES, RESPONSES, COST = "sweeps.json", "stories.json", "response.json", "cost.json"
-"""Names of the files of what was swept, of the pictures, of the responses and of the time."""
+STORIES, RESPONSES = "stories.json", "response.json"
+"""Names of the files of the pictures, and of the responses."""
 CSV = "metrics.csv"
 """Name of the file of the scores that spreadsheets and pandas read: a row a cell and method."""
 CONFIG = "config.json"
@@ -52,61 +50,15 @@ CONFIG = "config.json"
 
 
 @dataclass(frozen=True)
-class SweepPoint:
-    """One value of a sweep."""
-
-    value: Number
-    """The value, in the unit of the channel's parameter."""
-    condition: str
-    """Name of the condition in the table of predictions."""
-
-
-@dataclass(frozen=True)
-class SweepCurve:
-    """A swept quantity, and the conditions in which it was decoded."""
-
-    name: str
-    """Key of `reports.evaluation.sweeps.SWEEPS`."""
-    title: str
-    """Heading of the sweep, such as "Viewing angle"."""
-    axis: str
-    """Label of the axis, with the unit."""
-    note: str
-    """What a reader must know beside the axis; may be empty."""
-    log: bool
-    """Whether the axis is logarithmic."""
-    scale: Number
-    """Factor from a value to its number on the axis."""
-    spoken: str
-    """A value in words, with {} in place of its number on the axis."""
-    points: list[SweepPoint]
-    """The values, in the order of the axis."""
-
-    def __post_init__(self) -> None:
-        if self.log and not all(self.scale * point.value > 0 for point in self.points):
-            raise ValueError("a logarithmic axis needs values above 0")
-
-    def words(self, value: float) -> str:
-        """A value of the sweep in words."""
-        return self.spoken.replace("{}", f"{self.scale * value:.4g}")
-
-
-@dataclass(frozen=True)
 class Story:
-    """One frame pair as the report shows it."""
+    """One capture as the report shows it."""
 
-    kind: Literal["strip", "failure"]
-    """A typical frame pair, or one with many wrong bits."""
-    title: str
-    """Heading above the pictures."""
+    method: str
+    """Label of the method that read it."""
     where: str
-    """Pair, view, kappa, picture and number, in words."""
+    """Where the capture is from, in words."""
     pictures: list[tuple[str, str]]
     """File in the run's folder, and caption."""
-    reason: str = ""
-    """Why bits are wrong, in a sentence; empty for a typical frame pair."""
-    measured: dict[str, tuple[Number, Number]] = field(default_factory=dict)
-    """Mean size of each quantity in the wrong blocks and in the other ones, gray levels."""
 
 
 @dataclass(frozen=True)
@@ -142,28 +94,6 @@ class Response:
 
 
 @dataclass(frozen=True)
-class Cost:
-    """Time to fit and decide a frame pair, as a multiple of a reference in the same round."""
-
-    rounds: Count
-    """Number of times that each method was timed."""
-    reference: str
-    """What the times are multiples of, in words."""
-    reference_ms: Number
-    """Median time of the reference, milliseconds."""
-    ratios: dict[str, tuple[Multiple, Multiple, Multiple]]
-    """Lower quartile, median and upper quartile of each method's multiple."""
-
-
-@dataclass(frozen=True)
-class UsedCheckpoints:
-    """The part of a run's settings that the report takes apart."""
-
-    checkpoints: dict[str, str] = field(default_factory=dict)
-    """Digest of the checkpoint by method; empty where it has none."""
-
-
-@dataclass(frozen=True)
 class About:
     """How a run was made."""
 
@@ -194,15 +124,11 @@ class Run:
     scores: pd.DataFrame
     """Score table of the main comparison."""
     swept: pd.DataFrame
-    """Predictions of all sweeps; their conditions are named by `SweepPoint.condition`."""
-    sweeps: list[SweepCurve]
-    """What was swept; empty without sweeps."""
+    """Predictions of all sweeps; `reports.evaluation.sweeps` names their conditions."""
     stories: list[Story]
-    """Frame pairs that the report shows as pictures."""
+    """Captures that the report shows as pictures."""
     responses: list[Response]
     """Responses that methods found; empty where they were not measured."""
-    cost: Cost | None
-    """Time that the methods take; None where it was not measured."""
     films: FilmEvidence | None
     """What was seen of films; None where none was received."""
 
@@ -311,7 +237,7 @@ class RunFolder:
         """Write a file of the run as strict JSON; dataclasses are written as objects.
 
         Args:
-            name: such as `SWEEPS`; pictures that it names lie in the folder already.
+            name: such as `STORIES`; pictures that it names lie in the folder already.
             content: dataclasses, lists, dicts and plain values; anything else is written as text.
         """
         text = json.dumps(content, indent=1, default=_plain, allow_nan=False) + "\n"
@@ -358,19 +284,17 @@ class RunFolder:
                 swept=read_predictions(self.path / SWEPT)
                 if is_file(self.path / SWEPT)
                 else records[:0],
-                sweeps=self._read_list(SWEEPS, SweepCurve),
                 stories=self._read_list(STORIES, Story),
                 responses=self._read_list(RESPONSES, Response),
-                cost=self._read(COST, Cost) if is_file(self.path / COST) else None,
                 films=self._read(FILMS, FilmEvidence) if is_file(self.path / FILMS) else None,
             )
             checked(Making, run.about.meta, "run.json, meta")
-            checked(UsedCheckpoints, run.about.settings, "run.json, settings")
+            checked(dict[str, str], run.about.settings.get("checkpoints", {}), "run.json, settings")
             for _, picture in run.films.maps if run.films else ():
                 inside(self.path, picture, FILMS)
             for story in run.stories:
                 for picture, _ in story.pictures:
-                    inside(self.path, picture, f"{STORIES}, {story.title:.60}")
+                    inside(self.path, picture, f"{STORIES}, {story.where:.60}")
             stored, _ = read_scores(self.path / "metrics.json")
         except (OSError, InputError) as error:
             reason = " ".join(str(error).split())

@@ -8,18 +8,13 @@ import numpy as np
 from link.images import write_image
 from reports.engine.records import to_records, write_predictions
 from reports.run import (
-    COST,
     PREDICTIONS,
     RESPONSES,
     STORIES,
-    SWEEPS,
     SWEPT,
-    Cost,
     Response,
     RunFolder,
     Story,
-    SweepCurve,
-    SweepPoint,
 )
 
 META = {"simulated": True, "seed": 0, "command": "python evaluate.py"}
@@ -41,32 +36,16 @@ def write_run(path: Path) -> None:
     main = [prediction(m, i) for m in ("naive", "oorc", "learned") for i in range(5)]
     write_predictions(path / PREDICTIONS, main)
     run.write_comparison(to_records(main), META, "tables")
-    conditions = ("kappa 1", "kappa 2", "jpeg")
+    conditions = ("kappa 1", "kappa 2", "jpeg 50")
     swept = [prediction(m, 0, condition) for condition in conditions for m in ("oorc", "learned")]
     write_predictions(path / SWEPT, swept)
-    run.write(
-        SWEEPS,
-        [
-            SweepCurve("kappa", "κ", "κ", "", True, 1.0, "κ {}",
-                       [SweepPoint(1.0, "kappa 1"), SweepPoint(2.0, "kappa 2")]),
-            SweepCurve("jpeg", "JPEG", "quality", "", False, 1.0, "JPEG {}",
-                       [SweepPoint(50.0, "jpeg")]),
-        ],
-    )  # fmt: skip
     write_image(path / "stories" / "a.jpg", np.zeros((20, 20, 3), np.uint8))
     shown = [("stories/a.jpg", "caption")]
-    run.write(
-        STORIES,
-        [
-            Story("strip", "title", "where", shown),
-            Story("failure", "title", "where", shown, "reason", {"noise": (1.0, 2.0)}),
-        ],
-    )
+    run.write(STORIES, [Story("oorc", "where", shown)])
     levels = [0.0, 255.0]
     found = {"naive": [(0.0, 0.0), (255.0, 250.0)]}
     response = Response(
         "canon-lg", 45.0, 3, 0, levels, levels, levels, levels, found, {"naive": 1.0}
     )
     run.write(RESPONSES, [response])
-    run.write(COST, Cost(3, "warps", 1.0, {"warps": (1.0, 1.0, 1.0), "naive": (1.0, 2.0, 3.0)}))
     run.finish(META, {"decoding": 1.0}, ["a note"])

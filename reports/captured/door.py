@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from link.captures import MANIFEST, KnownWindow, is_window, read_manifest, save_captures
+from link.captures import MANIFEST, KnownWindow, read_manifest, save_captures
 from link.errors import InputError
 from link.frames import Captured
 from link.images import image_files, write_bytes
@@ -188,7 +188,7 @@ def holds_windows(captures: Path | None, recordings: Recordings | None) -> bool:
     """
     if recordings is not None:
         return recordings.are_windows
-    return captures is not None and any(map(is_window, read_manifest(captures)))
+    return captures is not None and any(entry.is_window for entry in read_manifest(captures))
 
 
 def open_recordings(

@@ -10,15 +10,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from link.captures import KnownWindow, load_entry, read_manifest
+from link.captures import Entry, KnownWindow, read_manifest
 from link.frames import Captured
 from link.images import as_gray, write_image
-from link.layout import Layout, block_mean
+from link.layout import block_mean
 from link.outside import is_file, read_json
 from models.film.window import gray_frames
 from reports.captured.door import FILMS
 from reports.engine.checked import Count, Number, checked
-from reports.score.reliability import told
 
 BIN_S = 0.25
 """Seconds of film over which wrong bits are counted together."""
@@ -91,20 +90,6 @@ class WrongBits:
 
 
 @dataclass(frozen=True)
-class Told:
-    """What the scores of a method tell."""
-
-    method: str
-    """Label of the method."""
-    read: Number
-    """Share of the bits that were not erased."""
-    information: Number
-    """Bits of information in a block and frame pair."""
-    bit_s: Number | None
-    """Bits of information a second; None where no film tells the display's rate."""
-
-
-@dataclass(frozen=True)
 class FilmEvidence:
     """All that the report says of the films of a run."""
 
@@ -116,8 +101,9 @@ class FilmEvidence:
     """Wrong bits by the captured gray level of the block."""
     maps: list[tuple[str, str]]
     """Method, and file of the picture of its misread blocks, in the run's folder."""
-    told: list[Told]
-    """What the scores of each method tell."""
+    blocks_s: Number
+    """Number of message blocks a second that the displays showed, of frame pairs; 0 where no film
+    tells the display's rate."""
 
 
 def film_evidence(
@@ -136,11 +122,11 @@ def film_evidence(
     grids: dict[str, dict[tuple[int, int], NDArray[np.float64]]] = {}
     by_index = dict(list(records.groupby("index")))
     for index, entry in enumerate(read_manifest(captures)):
-        captured = load_entry(captures, entry)
+        captured = entry.load()
         pairs = captured.observation.mixture.count if isinstance(captured, KnownWindow) else 1
         level = np.clip(np.tile(block_levels(captured), pairs), 0, 255)
-        begin = float(entry.get("time_s", 0.0))
-        end = float(entry.get("end_s", begin))
+        begin = float(entry.meta.get("time_s", 0.0))
+        end = float(entry.meta.get("end_s", begin))
         middles = begin + (end - begin) * (np.arange(pairs) + 0.5) / pairs
         time = np.repeat(middles, captured.layout.n_bits)
         for row in by_index[index].itertuples() if index in by_index else ():
@@ -149,7 +135,7 @@ def film_evidence(
             place = pd.DataFrame({"time": time // BIN_S, "level": level // LEVELS})
             place["known"], place["wrong"] = known, wrong
             counted = place.groupby(["time", "level"]).sum().reset_index()
-            rows.append(counted.assign(method=row.method, film=str(entry.get("film", ""))))
+            rows.append(counted.assign(method=row.method, film=str(entry.meta.get("film", ""))))
             layout = captured.layout
             grid = grids.setdefault(str(row.method), {})
             size = layout.rows, layout.cols
@@ -162,7 +148,7 @@ def film_evidence(
         _wrong_bits(table, "time", BIN_S, ["film"]),
         _wrong_bits(table, "level", LEVELS, []),
         _maps(grids, folder) if pictures else [],
-        told_by(records, seen, read_manifest(captures)),
+        _blocks_a_second(seen, read_manifest(captures)),
     )
 
 
@@ -223,22 +209,10 @@ def _maps(
     return found
 
 
-def told_by(
-    records: pd.DataFrame, seen: Sequence[FilmSeen], entries: Sequence[dict[str, Any]]
-) -> list[Told]:
-    """Work out what scores tell, by how often bits of like scores are right.
-
-    A second tells of as many blocks as the display shows in it: the mean over the entries, each of
-    whose films has a rate.
-    """
+def _blocks_a_second(seen: Sequence[FilmSeen], entries: Sequence[Entry]) -> float:
+    """Mean over the entries of how many blocks the display showed in a second."""
     rates = {film.film: film.state_hz for film in seen}
     blocks = [
-        (rates.get(str(entry.get("film"))) or 0) / 2 * Layout.from_dict(entry["layout"]).n_bits
-        for entry in entries
+        (rates.get(str(entry.meta.get("film"))) or 0) / 2 * entry.layout.n_bits for entry in entries
     ]
-    rate = float(np.mean(blocks))
-    found = []
-    for method in records.loc[records["known"] > 0, "method"].unique():
-        read, information = told(records, method)
-        found.append(Told(str(method), read, information, information * rate if rate else None))
-    return found
+    return float(np.mean(blocks))

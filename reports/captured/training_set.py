@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from data_gen.episodes import EpisodeSet
-from link.captures import KnownWindow, is_window, load_entry, read_manifest
+from link.captures import Entry, KnownWindow, read_manifest
 from link.errors import InputError
 from link.frames import Captured
 from link.images import as_rgb
@@ -58,11 +58,11 @@ def own_set(captures: Path, *, films: bool, seed: int) -> OwnSet:
         InputError: the folder is no good, holds the other kind alone, or is too small.
     """
     entries = read_manifest(captures)
-    chosen = [at for at, entry in enumerate(entries) if is_window(entry) == films]
+    chosen = [at for at, entry in enumerate(entries) if entry.is_window == films]
     if not chosen:
         other = "windows of film; add --films" if not films else "frame pairs; leave out --films"
         raise InputError(f"--captures: {captures} holds {other}")
-    layouts = [str(entries[at]["layout"]) for at in chosen]
+    layouts = [entries[at].layout for at in chosen]
     usual = max(layouts, key=layouts.count)
     chosen = [at for at, layout in zip(chosen, layouts, strict=True) if layout == usual]
     recordings = {at: _recording(entries[at]) for at in chosen}
@@ -74,7 +74,7 @@ def own_set(captures: Path, *, films: bool, seed: int) -> OwnSet:
         )
     rng = np.random.default_rng(seed)
     held = set(rng.permutation(names)[: max(1, round(HELD_OUT * len(names)))].tolist())
-    loaded = {at: load_entry(captures, entries[at]) for at in chosen}
+    loaded = {at: entries[at].load() for at in chosen}
     train = [each for at, each in loaded.items() if recordings[at] not in held and _is_known(each)]
     held_out = [at for at in chosen if recordings[at] in held and loaded[at].bits is not None]
     if len(train) < LEAST or not held_out:
@@ -87,10 +87,10 @@ def own_set(captures: Path, *, films: bool, seed: int) -> OwnSet:
     return OwnSet(train, [loaded[at] for at in held_out], held_out)
 
 
-def _recording(entry: dict[str, object]) -> str:
+def _recording(entry: Entry) -> str:
     for keys in (("film",), ("picture",), ("pair", "view_deg")):
-        if any(entry.get(key) is not None for key in keys):
-            return " ".join(str(entry.get(key)) for key in keys)
+        if any(entry.content.get(key) is not None for key in keys):
+            return " ".join(str(entry.content.get(key)) for key in keys)
     return "all"
 
 

@@ -42,25 +42,20 @@ class Backend:
 
 
 @dataclass(frozen=True)
-class Failure:
-    """An exception of one task, as text: exceptions of some packages cannot be sent."""
-
-    reason: str
-    """What went wrong, in one line."""
-    trace: str = ""
-    """Python's traceback; empty where there is none."""
-
-
-@dataclass(frozen=True)
 class Outcome:
-    """What became of the task number ``index``: its result, or its failure."""
+    """What became of the task number ``index``: its result, or why it failed, as text.
+
+    Exceptions of some packages cannot be sent between processes.
+    """
 
     index: int
     """Number of the task among those that were given."""
     result: Any = None
     """What the task returned; None where it failed."""
-    failure: Failure | None = None
-    """Why the task failed; None where it did not."""
+    reason: str = ""
+    """What went wrong, in one line; empty where nothing did."""
+    trace: str = ""
+    """Python's traceback; empty where there is none."""
 
 
 def make_backend(name: str, jobs: int, scheduler: str | None) -> Backend:
@@ -97,7 +92,7 @@ def run_tasks(
     """``task(item)`` for each item, in parallel, in the order in which they finish.
 
     Args:
-        task: picklable, and so are items and results. An exception in it becomes a `Failure`, and
+        task: picklable, and so are items and results. An exception in it becomes the `Outcome`, and
             so does the death of its process.
         items: one a task.
         backend: where they run.
@@ -130,21 +125,22 @@ def _outcomes(
     for index in lost:  # each alone, since a process that dies takes others with it
         for _, future in _finished(attempt, items, [index], backend):
             error = future.exception()
-            yield Outcome(index, failure=_failure(error)) if error else future.result()
+            yield _failed(index, error) if error else future.result()
 
 
 def _attempt(task: Callable[[T], Any], index: int, item: T) -> Outcome:
-    """Run one task; what it raises becomes a `Failure`."""
+    """Run one task; what it raises becomes the outcome."""
     try:
         return Outcome(index, result=task(item))
     except Exception as error:
-        return Outcome(index, failure=_failure(error))
+        return _failed(index, error)
 
 
-def _failure(error: BaseException) -> Failure:
+def _failed(index: int, error: BaseException) -> Outcome:
     """An exception as text; an `InputError` says all in its own line."""
     name = "" if isinstance(error, InputError) else f"{type(error).__name__}: "
-    return Failure(" ".join(f"{name}{error}".split()), "".join(traceback.format_exception(error)))
+    reason = " ".join(f"{name}{error}".split())
+    return Outcome(index, None, reason, "".join(traceback.format_exception(error)))
 
 
 def _finished(

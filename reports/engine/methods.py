@@ -1,19 +1,15 @@
-"""A decoder that is compared, with its options, and the layouts that it suits."""
+"""A decoder that is compared, with its options."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from link.embed import embed
-from link.errors import InputError, UnsuitedError, choose, each_once
+from link.errors import InputError, choose, each_once
 from link.frames import SoftBits
 from link.layout import Layout
-from link.observation import Mixture, Observation
+from link.observation import Observation
 from models import BlockDecoder, Card, find_card, make_decoder
-from models.film.window import reads_films
 from models.pairwise import decode_by_pairs
 
 SWITCH = {"true": True, "false": False}
@@ -113,69 +109,3 @@ def _with_options(text: str) -> tuple[str, tuple[tuple[str, Any], ...]]:
         except (ValueError, KeyError):
             raise InputError(f"method {text!r}: {key} needs a {kind.__name__}") from None
     return name, tuple(options)
-
-
-def suited_to_films(methods: Sequence[Method], layout: Layout) -> tuple[list[Method], list[str]]:
-    """Find the methods that can decode films of a layout, by letting them decode a part of one.
-
-    This is a window of frames, or a frame pair where films are read by these.
-
-    Returns:
-        the methods that suit, and a line for each that is left out.
-
-    Raises:
-        InputError: no method suits.
-    """
-    if not reads_films(layout):
-        return suited_methods([m for m in methods if m.card.frames != "window"], layout)
-    gray = np.full((layout.height, layout.width), 128, np.uint8)
-    shares = np.zeros((4, 1, layout.rows, layout.cols), np.float32)
-    shares[::2], shares[1::2] = -0.5, 0.5
-    mixture = Mixture(shares, np.array([[0], [0], [1], [1]]), 2)
-    trial = Observation((gray, gray, gray, gray), layout, mixture)
-    return _that_decode(methods, trial, "these films")
-
-
-def suited_methods(methods: Sequence[Method], layout: Layout) -> tuple[list[Method], list[str]]:
-    """Find the methods that can decode frame pairs of a layout, by letting them decode one.
-
-    Ratex patches suit every method. Methods that are shown pictures without ratex patches suit
-    every layout. So these are not tried.
-
-    Args:
-        methods: all that are asked for.
-        layout: layout of the frame pairs.
-
-    Returns:
-        the methods that suit, and a line for each that is left out.
-
-    Raises:
-        InputError: no method suits.
-    """
-    picture = np.random.default_rng(0).integers(0, 256, (layout.height, layout.width, 3), np.uint8)
-    shown = embed(picture, np.zeros(layout.n_bits), layout, kappa=5)
-    pair = Observation.still(shown.original, shown.embedded, layout, shown.kappa)
-    return _that_decode(methods, pair, "this layout")
-
-
-def _that_decode(
-    methods: Sequence[Method], trial: Observation, what: str
-) -> tuple[list[Method], list[str]]:
-    """Let methods decode a trial: those that can, and a line for each that cannot.
-
-    Raises:
-        InputError: none can; the message says that no method suits ``what``.
-    """
-    suited, notes = [], []
-    for method in methods:
-        try:
-            if trial.is_pair and method.card.frames == "window":
-                raise UnsuitedError("it reads films (--films)")
-            if not (trial.is_pair and (trial.layout.ratex or method.card.equalised)):
-                method.build().decode(trial)
-            suited.append(method)
-        except UnsuitedError as error:
-            notes.append(f"{method.label}: left out, {error}")
-    if not suited:
-        raise InputError(f"no method suits {what}; {'; '.join(notes)}")
-    return suited, notes

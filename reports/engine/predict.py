@@ -7,6 +7,8 @@ no other method its results.
 """
 
 import platform
+import shutil
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import singledispatch
@@ -18,15 +20,14 @@ import pandas as pd
 from data_gen.channel.optics import check_view
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import get_pair
-from link.captures import KnownWindow, load_entry, read_manifest
+from link.captures import Entry, read_manifest
 from link.embed import check_kappa
 from link.errors import InputError, UnsuitedError, each_once
 from link.files.lock import locked
 from link.images import write_bytes
 from link.layout import Layout
 from link.observation import Observation
-from reports.engine.backends import Backend, one_thread, run_tasks
-from reports.engine.checked import seal
+from reports.engine.backends import Backend, one_thread
 from reports.engine.digest import (
     code_digest,
     file_digest,
@@ -44,10 +45,13 @@ from reports.engine.records import (
     truth_of,
     write_predictions,
 )
+from reports.engine.stored import resume
 
 STORED_VERSION = 3
 """Raise it when `decode_cell` changes what it returns, so that older results are not read again."""
 Line = dict[str, Any]
+Decoded = tuple[list[Line], dict[str, str]]
+"""Predictions of a cell, and by label why methods do not suit it."""
 Found = dict[tuple[Any, ...], Line]
 """Predictions by what `key_of` says of each."""
 
@@ -60,12 +64,20 @@ class Condition:
     """Tells conditions of a study apart; "" where there is one."""
     source: Any
     """An `ObservationSource`: pictures, seed, and the channel as it is set."""
-    cells: tuple[Cell, ...]
-    """Camera-display pairs, views and kappas that are decoded."""
+    cells: tuple[Any, ...]
+    """Camera-display pairs, views and kappas that are decoded: `Cell`s of a simulation, or the one
+    `Entry` of a folder of captures that is the source, too."""
     frames: int
     """Number of observations of each cell: frame pairs, or windows of as many films."""
-    without: tuple[str, ...] = ()
-    """Labels of methods that do not suit its layout, and so do not decode it."""
+    start: int = 0
+    """Number of the first observation."""
+    called: str = ""
+    """What messages call its one cell; empty where they name condition, pair, view and kappa."""
+
+    @property
+    def indices(self) -> range:
+        """Numbers of the observations of each cell."""
+        return range(self.start, self.start + self.frames)
 
 
 @dataclass(frozen=True)
@@ -76,6 +88,8 @@ class Predicted:
     """The table of predictions, with conditions, cells and observations in the order given."""
     failed: list[str]
     """One line for each cell that failed, with the file of its traceback."""
+    left_out: list[str]
+    """One line for each method and condition of which it left out cells that it does not suit."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +98,7 @@ class Task:
 
     condition: Condition
     """Setting of the channel."""
-    cell: Cell
+    cell: Any
     """One of the condition's cells."""
     methods: tuple[Method, ...]
     """Methods with different labels."""
@@ -93,6 +107,8 @@ class Task:
 
     def __str__(self) -> str:
         cell, name = self.cell, self.condition.name
+        if self.condition.called:
+            return self.condition.called
         return f"{name + ', ' if name else ''}{cell.pair}, {cell.view_deg:g}°, kappa {cell.kappa}"
 
     def key(self, method: Method, index: int) -> tuple[Any, ...]:
@@ -103,9 +119,14 @@ class Task:
 
     def without(self, found: Found) -> "Task":
         """The task of the methods alone that lack a prediction."""
-        frames = range(self.condition.frames)
-        lack = [m for m in self.methods if any(self.key(m, i) not in found for i in frames)]
+        indices = self.condition.indices
+        lack = [m for m in self.methods if any(self.key(m, i) not in found for i in indices)]
         return replace(self, methods=tuple(lack))
+
+    @property
+    def name(self) -> str:
+        """Name that says all that decides the task's predictions."""
+        return f"{self} {short_digest(*(self.marks[method.label] for method in self.methods))}"
 
 
 def paper_cells(
@@ -148,60 +169,55 @@ def predict(
         pictures last, and what failed; the next run tries the failed cells again.
 
     Raises:
-        InputError: no cell could be decoded, the backend cannot be had, or another process writes
-            the folder.
+        InputError: no cell could be decoded, no method suits, the backend cannot be had, or another
+            process writes the folder.
     """
     ordered = tuple(sorted(methods, key=lambda method: method.card.equalised))
     tasks = []
     for condition in conditions:
-        mine = tuple(method for method in ordered if method.label not in condition.without)
-        marks = {m.label: fingerprint(condition, m) for m in mine}
-        tasks += [Task(condition, cell, mine, marks) for cell in condition.cells]
+        marks = {m.label: fingerprint(condition, m) for m in methods}
+        tasks += [Task(condition, cell, ordered, marks) for cell in condition.cells]
     part = file.with_name(f"{file.name}.part")
+    traces = file.parent / "failed"
     with locked(file.parent):
-        stored = [*stored_predictions(file), *stored_predictions(part)]
-        found = {key_of(line): line for line in stored}
-        failed = _decode_missing(tasks, found, part, backend)
+        found = {key_of(line): line for line in stored_predictions(file)}
+        lacking = [lack for task in tasks if (lack := task.without(found)).methods]
+        missing = {task.name: task for task in lacking}
+        results, failures = resume(decode_cell, missing, part, backend, "decode")
+        shutil.rmtree(traces, ignore_errors=True)
+        left_out: dict[tuple[str, str], list[str]] = {}
+        for name, (lines, unsuited) in results.items():
+            found |= {key_of(line): line for line in lines}
+            for label, reason in unsuited.items():
+                left_out.setdefault((missing[name].condition.name, label), []).append(reason)
+        failed = {}
+        for name, failure in failures.items():
+            task = str(missing[name])
+            trace = traces / f"{task.replace('/', '_')}.txt"
+            write_bytes(trace, failure.trace.encode())
+            failed[task] = f"{failure.reason} ({trace})"
         whole = [task for task in tasks if str(task) not in failed]
-        lines = [
-            found[task.key(method, index)]
+        keys = [
+            task.key(method, index)
             for task in whole
-            for index in range(task.condition.frames)
+            for index in task.condition.indices
             for method in task.methods
         ]
+        predictions = [found[key] for key in keys if key in found]
         if whole or not tasks:
-            write_predictions(file, lines)
+            write_predictions(file, predictions)
         part.unlink()
     if failed and not whole:
         raise InputError(next(iter(failed.values())))
-    return Predicted(to_records(lines), sorted(f"{task}: {why}" for task, why in failed.items()))
-
-
-def _decode_missing(
-    tasks: Sequence[Task], found: Found, part: Path, backend: Backend
-) -> dict[str, str]:
-    """Decode what is not found yet, and add it to ``found`` and to the file ``part``.
-
-    Returns:
-        for each task that failed the reason, with the file of its traceback.
-    """
-    missing = [lack for task in tasks if (lack := task.without(found)).methods]
-    run = decode_cell if backend.scheduler is None else decode_cell_elsewhere
-    done, failed = len(tasks) - len(missing), {}
-    with part.open("a", encoding="utf-8") as stream:
-        for outcome in run_tasks(run, missing, backend, "decode", done):
-            task = str(missing[outcome.index])
-            trace = part.parent / "failed" / f"{task.replace('/', '_')}.txt"
-            if outcome.failure is not None:
-                write_bytes(trace, outcome.failure.trace.encode())
-                failed[task] = f"{outcome.failure.reason} ({trace})"
-                continue
-            for line in outcome.result:
-                found[key_of(line)] = line
-                stream.write(seal(line))
-            stream.flush()
-            trace.unlink(missing_ok=True)
-    return failed
+    cells = Counter(task.condition.name for task in tasks)
+    notes = [
+        f"{name}{': ' * bool(name)}{label}: left out of {len(why)} of {cells[name]}, {why[-1]}"
+        for (name, label), why in left_out.items()
+    ]
+    if tasks and not predictions:
+        raise InputError(f"no method suits what is decoded; {'; '.join(notes)}")
+    reports = sorted(f"{task}: {why}" for task, why in failed.items())
+    return Predicted(to_records(predictions), reports, notes)
 
 
 def predict_all(
@@ -210,51 +226,50 @@ def predict_all(
     """`predict` for studies that need every cell.
 
     Raises:
-        InputError: a cell failed; the others are stored.
+        InputError: a cell failed, or a method does not suit one; the others are stored.
     """
     predicted = predict(conditions, methods, file, backend)
+    if predicted.left_out:
+        raise InputError(predicted.left_out[0])
     if predicted.failed:
         total = sum(len(condition.cells) for condition in conditions)
         raise InputError(f"{len(predicted.failed)} of {total} cells failed: {predicted.failed[0]}")
     return predicted.records
 
 
-def decode_cell(task: Task) -> list[Line]:
+def decode_cell(task: Task) -> Decoded:
     """Make a cell's observations and decode each with the methods, in this process.
 
     Returns:
-        a prediction for each observation and method.
+        a prediction for each observation and method that suits, and why others do not.
 
     Raises:
-        InputError: a method does not suit.
+        InputError: an observation is no good, or this machine is not like the one that asks.
     """
-    condition, lines = task.condition, []
+    condition, lines, unsuited = task.condition, [], {}
+    for method in task.methods:
+        if fingerprint(condition, method) != task.marks[method.label]:
+            raise InputError(
+                f"worker {platform.node()} has other code, packages, checkpoints or pictures at "
+                "these paths than this machine; install the same there and restart its worker"
+            )
     decoders = {method: method.build() for method in task.methods}
     one_thread()
-    for index in range(condition.frames):
+    for index in condition.indices:
         for equalised in {method.card.equalised for method in decoders}:
             seen, truth = observe(condition.source, task.cell, index, equalised)
             for method, decoder in decoders.items():
                 if method.card.equalised != equalised:
                     continue
                 try:
+                    if method.card.frames == "window" and seen.is_pair:
+                        raise UnsuitedError("it reads windows of film")
                     line = to_line(method.label, index, decoder.decode(seen), truth)
                 except UnsuitedError as error:
-                    raise InputError(f"method {method.label}: {error}") from None
+                    unsuited[method.label] = str(error)
+                    continue
                 lines.append(line | {"condition": condition.name, "mark": task.marks[method.label]})
-    return lines
-
-
-def decode_cell_elsewhere(task: Task) -> list[Line]:
-    """`decode_cell` on a machine that must first be found to be like the one that asks."""
-    for method in task.methods:
-        own = fingerprint(task.condition, method)
-        if own != task.marks[method.label]:
-            raise InputError(
-                f"worker {platform.node()} has other code, packages, checkpoints or pictures at "
-                "these paths than this machine; install the same there and restart its worker"
-            )
-    return decode_cell(task)
+    return lines, unsuited
 
 
 class ObservationSource(Protocol):
@@ -285,9 +300,28 @@ def observe(source: Any, cell: Cell, index: int, equalised: bool) -> tuple[Obser
 
 
 @observe.register
+def _(source: Entry, cell: Entry, index: int, equalised: bool) -> tuple[Observation, Truth]:
+    captured = source.load()
+    return captured.rectified(), truth_of(captured)
+
+
+@observe.register
 def _(source: Source, cell: Cell, index: int, equalised: bool) -> tuple[Observation, Truth]:
     pair = FramePair(source, cell, index, equalised)
     return pair.rectified, truth_of(pair.captured)
+
+
+@singledispatch
+def what_decides(source: Any, condition: Condition) -> object:
+    """Give what decides observations beside code, as an object whose text tells it."""
+    files = sorted({cell.pair for cell in condition.cells if cell.pair.endswith(".json")})
+    pictures = file_digest(sorted(source.pictures.glob("*")) if source.pictures else [])
+    return source, condition.frames, [get_pair(file) for file in files], pictures
+
+
+@what_decides.register
+def _(source: Entry, condition: Condition) -> object:
+    return source.content
 
 
 def fingerprint(condition: Condition, method: Method) -> str:
@@ -295,11 +329,16 @@ def fingerprint(condition: Condition, method: Method) -> str:
 
     Processors are left out, and so are the names of the method and of the condition.
     """
-    source = condition.source
-    files = sorted({cell.pair for cell in condition.cells if cell.pair.endswith(".json")})
-    pictures = file_digest(sorted(source.pictures.glob("*")) if source.pictures else [])
-    seen = source, condition.frames, [get_pair(file) for file in files], pictures
-    return _mark(method, seen, type(source).__module__, source.layout)
+    source, module = condition.source, method.card.target.partition(":")[0]
+    options: list[Any] = [option for option in method.options if option[0] != "checkpoint"]
+    options += ["by pairs"] * method.by_pairs
+    return short_digest(
+        repr((STORED_VERSION, what_decides(source, condition), method.name, options)),
+        code_digest(type(source).__module__, module),
+        outside_digest(module),
+        checkpoint_digest(method, source.layout),
+        *package_versions(),
+    )
 
 
 def checkpoint_digest(method: Method, *layouts: Layout) -> str:
@@ -310,132 +349,18 @@ def checkpoint_digest(method: Method, *layouts: Layout) -> str:
     return file_digest(files) if files else ""
 
 
-@dataclass(frozen=True)
-class EntryTask:
-    """An entry of a folder of captures, and the methods that are to decode it."""
-
-    captures: Path
-    """Folder with a manifest."""
-    index: int
-    """Number of the entry in the manifest."""
-    entry: dict[str, Any]
-    """The entry."""
-    methods: tuple[Method, ...]
-    """Methods with different labels."""
-    marks: Mapping[str, str]
-    """`captures_mark` of each method, by its label."""
-
-
-def decode_entry(task: EntryTask) -> tuple[list[Line], dict[str, str]]:
-    """Decode an entry of a folder of captures with the methods, in this process.
-
-    Returns:
-        a prediction for each method that suits, and why the others do not, by their labels.
-
-    Raises:
-        InputError: the entry is no good.
-    """
-    decoders = {method.label: method.build() for method in task.methods}
-    one_thread()
-    captured = load_entry(task.captures, task.entry)
-    film = isinstance(captured, KnownWindow)
-    seen = captured.observation if isinstance(captured, KnownWindow) else captured.rectified()
-    truth, lines, unsuited = truth_of(captured), [], {}
-    for method in task.methods:
-        try:
-            if method.card.frames == "window" and not film:
-                raise UnsuitedError("it reads windows of film")
-            line = to_line(method.label, task.index, decoders[method.label].decode(seen), truth)
-        except UnsuitedError as error:
-            unsuited[method.label] = str(error)
-            continue
-        lines.append(line | {"condition": "", "mark": task.marks[method.label]})
-    return lines, unsuited
-
-
-def captures_mark(method: Method, entry: dict[str, Any], layout: Layout) -> str:
-    """First digits of the SHA-256 of all that decides a method's prediction of a capture."""
-    return _mark(method, entry, "link.captures", layout)
-
-
-def _mark(method: Method, seen: object, reader: str, layout: Layout) -> str:
-    """First digits of the SHA-256 of a method and of what it decodes.
-
-    Args:
-        method: what decodes.
-        seen: what is decoded; its text says all that decides it, but for code.
-        reader: name of the module that makes or loads it.
-        layout: layout for which a checkpoint is taken.
-    """
-    module = method.card.target.partition(":")[0]
-    options: list[Any] = [option for option in method.options if option[0] != "checkpoint"]
-    options += ["by pairs"] * method.by_pairs
-    return short_digest(
-        repr((STORED_VERSION, seen, method.name, options)),
-        code_digest(reader, module),
-        outside_digest(module),
-        checkpoint_digest(method, layout),
-        *package_versions(),
-    )
-
-
-def decode_captures(
-    captures: Path,
-    methods: Sequence[Method],
-    file: Path,
-    backend: Backend,
-    only: Collection[int] | None = None,
-) -> tuple[pd.DataFrame, list[str]]:
-    """Decode a folder of captures, and store the predictions.
-
-    They are added to ``file``.part, entry by entry, from where a run goes on that was cut off.
+def recorded_conditions(captures: Path, only: Collection[int] | None = None) -> list[Condition]:
+    """Make a condition of each entry of a folder of captures.
 
     Args:
         captures: folder with a manifest.
-        methods: methods with different labels.
-        file: takes the predictions.
-        backend: where entries are decoded.
         only: numbers of the entries that are decoded; None for all.
 
-    Returns:
-        the table of predictions, and a line for each method that was left out or does not suit.
-
     Raises:
-        InputError: the folder or a capture is no good, or no method suits it.
+        InputError: the folder or its manifest is no good.
     """
-    every = read_manifest(captures)
-    entries = {at: entry for at, entry in enumerate(every) if only is None or at in only}
-    part = file.with_name(f"{file.name}.part")
-    stored = [*stored_predictions(file), *stored_predictions(part)]
-    found = {(line["index"], line["method"], line["mark"]): line for line in stored}
-    tasks, keys = [], []
-    for index, entry in entries.items():
-        layout = Layout.from_dict(entry["layout"])
-        marks = {m.label: captures_mark(m, entry, layout) for m in methods}
-        keys += [(index, label, mark) for label, mark in marks.items()]
-        lack = tuple(m for m in methods if (index, m.label, marks[m.label]) not in found)
-        tasks += [EntryTask(captures, index, entry, lack, marks)] if lack else []
-    notes: dict[str, str] = {}
-    left_out: dict[str, int] = {}
-    done = len(entries) - len(tasks)
-    with locked(file.parent), part.open("a", encoding="utf-8") as stream:
-        for outcome in run_tasks(decode_entry, tasks, backend, "decode", done):
-            if outcome.failure is not None:
-                raise InputError(outcome.failure.reason)
-            lines, unsuited = outcome.result
-            for line in lines:
-                found[line["index"], line["method"], line["mark"]] = line
-                stream.write(seal(line))
-            stream.flush()
-            for label, why in unsuited.items():
-                left_out[label] = left_out.get(label, 0) + 1
-                notes[label] = f"{label}: left out of {left_out[label]} of {len(entries)}, {why}"
-    wanted = [found[key] for key in keys if key in found]
-    if not wanted:
-        raise InputError(f"{captures}: no method fits; {'; '.join(notes.values())}")
-    write_predictions(file, wanted)
-    part.unlink()
-    if any(entry["layout"].get("ratex") and not entry.get("equalised") for entry in every):
-        notes.setdefault("hidden_ratex", "hidden_ratex: these pictures were not equalised for it")
-    labels = {method.label for method in methods}
-    return to_records(wanted), [note for label, note in notes.items() if label in labels]
+    return [
+        Condition("", entry, (entry,), 1, start=index, called=f"entry {index}")
+        for index, entry in enumerate(read_manifest(captures))
+        if only is None or index in only
+    ]

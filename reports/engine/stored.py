@@ -1,4 +1,4 @@
-"""Independent tasks whose results a study needs all: in parallel, and kept as they are made.
+"""Independent tasks: in parallel, and with results that are kept as they are made.
 
 Every result is added to a file of JSON lines, so that a restarted command goes on where it was cut
 off.
@@ -9,11 +9,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from link.errors import InputError
 from link.files.lock import locked
 from link.images import write_bytes
 from link.outside import is_file
-from reports.engine.backends import Backend, run_tasks
+from reports.engine.backends import Backend, Outcome, run_tasks
 from reports.engine.checked import read_sealed, seal
 
 T = TypeVar("T")
@@ -21,42 +20,40 @@ T = TypeVar("T")
 
 def resume(
     task: Callable[[T], Any], items: Mapping[str, T], file: Path, backend: Backend, title: str
-) -> dict[str, Any]:
+) -> tuple[dict[str, Any], dict[str, Outcome]]:
     """Run a task for each item whose result is not in a file yet, and add the new results to it.
 
     Args:
         task: function that is called with an item, and whose result JSON can hold.
         items: arguments of the task, by a name that tells them apart in the file.
-        file: JSON lines, {"name": ..., "result": ..., "sha256": ...} each. Its path must say all
-            that decides the results, apart from the items. A line whose digest does not fit is
+        file: JSON lines, {"name": ..., "result": ..., "sha256": ...} each. Its path, or the items'
+            names, must say all that decides the results. A line whose digest does not fit is
             removed, and its result made again.
         backend: processes of this machine, or a Dask cluster.
         title: words before the progress bar.
 
     Returns:
-        the results by name, in the order of the items.
+        the results by name, in the order of the items, and what failed, by name.
 
     Raises:
-        InputError: some tasks failed, and the results of the others are stored; or another process
-            writes the folder.
+        InputError: another process writes the folder, or the backend cannot be had.
     """
+    failed = {}
     with locked(file.parent):
         results = _read(file)
         missing = {name: item for name, item in items.items() if name not in results}
-        names, failed, done = list(missing), [], len(items) - len(missing)
+        names, done = list(missing), len(items) - len(missing)
         with file.open("a", encoding="utf-8") as stream:
             for outcome in run_tasks(task, list(missing.values()), backend, title, done):
                 name = names[outcome.index]
-                if outcome.failure is not None:
-                    failed.append(f"{name}: {outcome.failure.reason}")
+                if outcome.reason:
+                    failed[name] = outcome
                     continue
                 line = seal({"name": name, "result": outcome.result})
                 stream.write(line)
                 stream.flush()
                 results[name] = json.loads(line)["result"]
-    if failed:
-        raise InputError(f"{title}: {len(failed)} of {len(items)} failed: {'; '.join(failed)}")
-    return {name: results[name] for name in items}
+    return {name: results[name] for name in items if name in results}, failed
 
 
 def _read(file: Path) -> dict[str, Any]:

@@ -3,16 +3,16 @@
 import math
 from collections.abc import Sequence
 
+import pandas as pd
 from matplotlib.figure import Figure
 
-from reports.captured.evidence import FilmSeen, Told, WrongBits
-from reports.evaluation.findings import Standing, SweptAccuracy
+from reports.captured.evidence import FilmSeen, WrongBits
+from reports.evaluation.sweeps import Sweep
 from reports.render.charts import (
     INK,
     MUTED,
     Point,
     Series,
-    dot_chart,
     draw_series,
     in_style,
     new_panels,
@@ -20,12 +20,12 @@ from reports.render.charts import (
     set_ticks,
 )
 from reports.render.tables import Table, percent, share_interval
-from reports.run import Cost, Response, Story, SweepCurve
+from reports.run import Response
 
+LEAST = 0.3
+"""Accuracy below which a chart draws points at its lower edge."""
 TICK_DISTANCE = 0.075
 """Least distance of two ticks of a swept quantity, as a share of the axis."""
-COST_TICKS = (0.3, 1, 3, 10, 30, 100, 300)
-"""Multiples of the reference's time that the axis of costs may name."""
 SEEN = "#1166b0"
 """Colour of the display's outline."""
 GRAY_TICKS = (0, 64, 128, 192, 255)
@@ -33,75 +33,51 @@ GRAY_TICKS = (0, 64, 128, 192, 255)
 
 
 @in_style
-def summary_figure(ranked: Sequence[Standing]) -> Figure:
-    """Draw the accuracy of each method with its interval.
-
-    Args:
-        ranked: at least one method that has an accuracy.
-    """
-    scored = [s for s in ranked if s.accuracy is not None]
-    figure, panel = dot_chart(
-        [
-            Series(s.method, [Point(s.accuracy or 0, 0, s.low, s.high, f"{percent(s.accuracy)} %")])
-            for s in scored
-        ]
-    )
-    set_accuracy_axis(panel, "x", min(s.low for s in scored), short=True)
-    return figure
-
-
-@in_style
-def sweep_figure(curve: SweepCurve, swept: Sequence[SweptAccuracy], least: float) -> Figure:
+def sweep_figure(sweep: Sweep, swept: pd.DataFrame) -> Figure:
     """Draw accuracy against a swept quantity, a line a method.
 
     Args:
-        curve: the sweep.
-        swept: accuracies of this sweep, at least one.
-        least: smallest accuracy that the axis reaches down to, in [0, 1].
+        sweep: what was swept.
+        swept: its rows of `reports.evaluation.sweeps.swept_accuracies`.
     """
     figure, (panel,) = new_panels()
-    values = [curve.scale * point.value for point in curve.points]
-    place = math.log if curve.log else float
+    values = swept["value"].unique().tolist()
+    place = math.log if sweep.log else float
     span = place(max(values)) - place(min(values)) or 1.0
     ticks: list[float] = []
     for value in values:
         if not ticks or (place(value) - place(ticks[-1])) / span > TICK_DISTANCE:
             ticks.append(value)
-    if curve.log:
+    if sweep.log:
         factor = math.exp(0.03 * span)
         panel.set(xscale="log", xlim=(min(values) / factor, max(values) * factor))
     else:
         panel.set_xlim(min(values) - 0.03 * span, max(values) + 0.03 * span)
     set_ticks(panel.xaxis, ticks, [f"{tick:.3g}" for tick in ticks])
-    panel.set_xlabel(curve.axis)
-    set_accuracy_axis(panel, "y", least)
+    panel.set_xlabel(sweep.axis)
+    set_accuracy_axis(panel, max(LEAST, swept["accuracy"].min()))
     lines: dict[str, list[Point]] = {}
-    for entry in swept:
-        note = (
-            f"{entry.method}, {entry.value:g}: {percent(entry.accuracy)} % "
-            f"({share_interval(entry.low, entry.high)}), {entry.errors} of {entry.bits} bits wrong"
-        )
-        point = Point(entry.value, entry.accuracy, entry.low, entry.high, note)
-        lines.setdefault(entry.method, []).append(point)
+    for row in swept.itertuples():
+        lines.setdefault(row.method, []).append(Point(row.value, row.accuracy, row.low, row.high))
     draw_series(panel, [Series(method, points) for method, points in lines.items()])
     return figure
 
 
-def sweep_table(curve: SweepCurve, swept: Sequence[SweptAccuracy]) -> Table:
+def sweep_table(sweep: Sweep, swept: pd.DataFrame) -> Table:
     """Make the table of a sweep's accuracies: a row for each method and value."""
-    heads = ["method", curve.axis, "frame pairs", "bits", "wrong", "right %", "95 % interval"]
-    methods = list(dict.fromkeys(entry.method for entry in swept))
+    heads = ["method", sweep.axis, "frame pairs", "bits", "wrong", "right %", "95 % interval"]
     rows = [
         [
-            entry.method,
-            f"{entry.value:g}",
-            f"{entry.frames}",
-            f"{entry.bits:,}",
-            f"{entry.errors}",
-            percent(entry.accuracy),
-            share_interval(entry.low, entry.high),
+            row.method,
+            f"{row.value:g}",
+            f"{row.frames}",
+            f"{row.bits:,}",
+            f"{row.errors}",
+            percent(row.accuracy),
+            share_interval(row.low, row.high),
         ]
-        for entry in sorted(swept, key=lambda entry: methods.index(entry.method))
+        for _, mine in swept.groupby("method", sort=False)
+        for row in mine.itertuples()
     ]
     return Table(heads, rows)
 
@@ -144,46 +120,6 @@ def response_table(responses: Sequence[Response]) -> Table:
 
 
 @in_style
-def cost_figure(cost: Cost) -> Figure:
-    """Draw the time of each method as a multiple of the reference's, with quartiles."""
-    ratios = _ranked_costs(cost)
-    low = min([0.8, *(first for first, _, _ in ratios.values())])
-    high = max(last for _, _, last in ratios.values())
-    figure, panel = dot_chart(
-        [
-            Series(method, [Point(median, 0, first, last, f"{median:.1f} ×")])
-            for method, (first, median, last) in ratios.items()
-        ]
-    )
-    ticks = [tick for tick in COST_TICKS if low <= tick <= high * 1.2]
-    panel.set(xscale="log", xlim=(low, high * 1.2), xlabel=f"× {cost.reference}")
-    set_ticks(panel.xaxis, ticks, [f"{tick:g}" for tick in ticks])
-    return figure
-
-
-def cost_table(cost: Cost) -> Table:
-    """Make the table of each method's time as a multiple of the reference's; no row without one."""
-    rows = [
-        [method, f"{median:.2f}", f"{first:.2f} – {last:.2f}"]
-        for method, (first, median, last) in _ranked_costs(cost).items()
-    ]
-    return Table(["method", f"× {cost.reference}", "quartiles"], rows)
-
-
-def story_table(story: Story) -> Table:
-    """Make the table of what was measured in the blocks of a frame pair."""
-    heads = ["mean over blocks, gray levels", "wrong blocks", "other blocks"]
-    rows = [[name, f"{a:.2f}", f"{b:.2f}"] for name, (a, b) in story.measured.items()]
-    return Table(heads, rows)
-
-
-def _ranked_costs(cost: Cost) -> dict[str, tuple[float, float, float]]:
-    """Multiples by method without the reference, the quickest first."""
-    timed = [(name, ratios) for name, ratios in cost.ratios.items() if name != cost.reference]
-    return dict(sorted(timed, key=lambda entry: entry[1][1]))
-
-
-@in_style
 def wrong_bits_figure(counted: Sequence[WrongBits], axis: str) -> Figure:
     """Draw the share of right bits over time, or over another quantity, a line a method.
 
@@ -197,7 +133,7 @@ def wrong_bits_figure(counted: Sequence[WrongBits], axis: str) -> Figure:
     panel.set_xlim(min(values) - margin, max(values) + margin)
     panel.set_xlabel(axis)
     right = [1 - entry.wrong / entry.known for entry in counted]
-    set_accuracy_axis(panel, "y", max(0.5, min(right)))
+    set_accuracy_axis(panel, max(0.5, min(right)))
     lines: dict[str, list[Point]] = {}
     for entry, share in zip(counted, right, strict=True):
         lines.setdefault(entry.method, []).append(Point(entry.value, share, share, share))
@@ -242,17 +178,3 @@ def seen_table(films: Sequence[FilmSeen]) -> Table:
         )
     heads = ("film", "frames with display", "frames/s", "states/s", "exposure, ms")
     return Table((*heads, "mean level", "at limit %", "cut off"), rows)
-
-
-def told_table(told: Sequence[Told]) -> Table:
-    """Tabulate what the scores of each method tell."""
-    rows = [
-        [
-            each.method,
-            percent(each.read),
-            f"{each.information:.3f}",
-            "–" if each.bit_s is None else f"{each.bit_s:,.0f}",
-        ]
-        for each in told
-    ]
-    return Table(("method", "read %", "bits a block", "bits a second"), rows)

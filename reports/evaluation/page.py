@@ -17,41 +17,25 @@ from reports.ablation.page import ablation_figure, ablation_tables
 from reports.ablation.results import Ablation, compare_rows
 from reports.captured.evidence import FilmEvidence
 from reports.evaluation import exhibits
-from reports.evaluation.findings import (
-    REFERENCES,
-    WELL_READ,
-    Standing,
-    SweptAccuracy,
-    standings,
-    swept_accuracies,
-)
-from reports.evaluation.glance import find_glance
 from reports.evaluation.html import render
 from reports.evaluation.settings import OF_SIMULATION
+from reports.evaluation.sweeps import Sweep, swept_accuracies
 from reports.render.charts import colour_of, to_svg
 from reports.render.reliability import SHOWN_BITS, calibration_table, reliability_figure
 from reports.render.tables import (
     FAR,
     Table,
     cell_tables,
+    information_table,
     summary_table,
     tables_by,
 )
-from reports.run import (
-    CSV,
-    MAX_PICTURE_BYTES,
-    REPORT,
-    Cost,
-    Response,
-    Run,
-    RunFolder,
-    SweepCurve,
-)
-from reports.score.paired import MIN_FRAMES
+from reports.run import CSV, MAX_PICTURE_BYTES, REPORT, Response, Run, RunFolder
+from reports.score.accuracy import pool
+from reports.score.paired import REFERENCES, Paired, against_references
 from reports.score.reliability import ALL, Curves, reliability_curves
 
 SECTIONS = {
-    "glance": "At a glance",
     "summary": "Summary",
     "ablation": "Ablation",
     "films": "Films",
@@ -60,10 +44,7 @@ SECTIONS = {
     "sweeps": "Sweeps",
     "reliability": "Reliability",
     "cdtf": "CDTF",
-    "pictures": "Pictures",
-    "failures": "Worst failures",
-    "cost": "Cost",
-    "elsewhere": "Measured elsewhere",
+    "pictures": "Worst read",
     "provenance": "Provenance",
 }
 """Titles of the report's sections by anchor, in the order of the page; those that a run has nothing
@@ -100,61 +81,43 @@ def report_page(run: Run) -> str:
     Raises:
         InputError: a picture of a story is missing, or lies outside the run's folder.
     """
-    ranked, swept = standings(run), swept_accuracies(run)
-    known = any(standing.accuracy is not None for standing in ranked)
+    ranked, swept = ranked_comparisons(run), swept_accuracies(run.swept)
     curves = llr_curves(run)
-    paper, sweeps = paper_tables(run), sweep_charts(run, swept)
-    kinds = {story.kind for story in run.stories}
-    cost = exhibits.cost_table(run.cost) if run.cost else None
     by, kind = tables_by(run.records), "simulated" if run.simulated else "recorded"
-    filled: dict[str, object] = {
-        "ablation": run.about.settings.get("ablation"),
-        "films": run.films,
+    content: dict[str, Any] = {
+        "ablation": ablation_exhibits(run) if run.about.settings.get("ablation") else None,
+        "films": film_exhibits(run, run.films) if run.films else None,
         "by": by,
-        "paper": paper,
-        "sweeps": sweeps,
-        "reliability": curves,
-        "cdtf": run.responses,
-        "pictures": "strip" in kinds,
-        "failures": "failure" in kinds,
-        "cost": cost and cost.rows,
+        "paper": paper_tables(run),
+        "sweeps": sweep_charts(swept),
+        "reliability": calibration_table(curves, kind) if curves else None,
+        "cdtf": response_charts(run.responses),
+        "pictures": run.stories,
     }
     return render(
         "report.html.j2",
         {method: colour_of(method) for method in (*DECODERS, *run.methods)},
         run=run,
-        sections={name: title for name, title in SECTIONS.items() if filled.get(name, True)},
-        ranked=ranked,
-        glance=find_glance(run, ranked, swept) if known else None,
-        summary=summary_table(run.scores, against={s.method: s.against for s in ranked}),
-        summary_chart=summary_chart(ranked) if known else None,
+        sections={name: title for name, title in SECTIONS.items() if content.get(name, True)},
+        summary=summary_table(run.scores, against=ranked),
         references=REFERENCES,
         settings=shown_settings(run),
-        well_read=WELL_READ,
-        min_frames=MIN_FRAMES,
         far=FAR,
-        ablation=ablation_exhibits(run) if run.about.settings.get("ablation") else None,
-        films=film_exhibits(run.films) if run.films else None,
-        paper=paper,
-        sweeps=sweeps,
-        by=by,
         csv=CSV,
-        reliability=calibration_table(curves, kind) if curves else None,
         reliability_charts=reliability_charts(curves),
         reliability_bits=SHOWN_BITS,
-        responses=response_charts(run.responses),
         response_errors=exhibits.response_table(run.responses),
-        cost=cost,
-        cost_chart=cost_chart(run.cost) if run.cost else None,
-        story_table=exhibits.story_table,
         picture=lambda file: picture_data(run.folder, file),
+        **content,
     )
 
 
-def summary_chart(ranked: Sequence[Standing]) -> Markup:
-    """The accuracy of each method as dots."""
-    figure = exhibits.summary_figure(ranked)
-    return to_svg(figure, "Accuracy of each method with its interval")
+def ranked_comparisons(run: Run) -> dict[str, Paired | None]:
+    """Compare every method with its reference; the best first, those without known bits last."""
+    against = against_references(run.records, run.seed)
+    accuracy = pool(run.scores).set_index("method")["accuracy"]
+    best_first = accuracy.sort_values(ascending=False, kind="stable")
+    return {str(method): against[str(method)] for method in best_first.index}
 
 
 def ablation_exhibits(run: Run) -> tuple[Markup, list[Table]]:
@@ -166,13 +129,13 @@ def ablation_exhibits(run: Run) -> tuple[Markup, list[Table]]:
     return figure, ablation_tables(ablation)
 
 
-def film_exhibits(films: FilmEvidence) -> dict[str, Any]:
+def film_exhibits(run: Run, films: FilmEvidence) -> dict[str, Any]:
     """Tables and charts of films, by the names that the template has for them."""
     names = list(dict.fromkeys(entry.film for entry in films.times))[:MOST_FILMS]
     found = [film for film in films.seen if film.places]
     times = [(name, [entry for entry in films.times if entry.film == name]) for name in names]
     return {
-        "told": exhibits.told_table(films.told),
+        "told": information_table(run.records, films.blocks_s),
         "seen": exhibits.seen_table(films.seen) if found else None,
         "times": [
             (name, to_svg(exhibits.wrong_bits_figure(mine, "seconds"), f"Over time, {name}"))
@@ -203,19 +166,18 @@ def paper_tables(run: Run) -> list[Table]:
 
 
 def sweep_charts(
-    run: Run, swept: Sequence[SweptAccuracy]
-) -> list[tuple[SweepCurve, Markup, Table, list[SweptAccuracy]]]:
-    """For each sweep with a known bit what was swept, its chart, its table, and its accuracies."""
-    least = min([entry.accuracy for entry in swept], default=1.0)
-    bottom = max(0.5, least) if least > 0.45 else 0.3
-    found = []
-    for curve in run.sweeps:
-        mine = [entry for entry in swept if entry.curve is curve]
-        if mine:
-            figure = exhibits.sweep_figure(curve, mine, bottom)
-            svg = to_svg(figure, f"Accuracy by {curve.axis}")
-            found.append((curve, svg, exhibits.sweep_table(curve, mine), mine))
-    return found
+    swept: Sequence[tuple[Sweep, pd.DataFrame]],
+) -> list[tuple[Sweep, Markup, Table, pd.DataFrame]]:
+    """For each sweep what was swept, its chart, its table, and its accuracies."""
+    return [
+        (
+            sweep,
+            to_svg(exhibits.sweep_figure(sweep, mine), f"Accuracy by {sweep.axis}"),
+            exhibits.sweep_table(sweep, mine),
+            mine,
+        )
+        for sweep, mine in swept
+    ]
 
 
 def llr_curves(run: Run) -> Curves | None:
@@ -266,12 +228,6 @@ def response_charts(responses: Sequence[Response]) -> list[tuple[Response, Marku
         for response in responses
         if response.index == responses[0].index
     ]
-
-
-def cost_chart(cost: Cost) -> Markup | None:
-    """The time of each method as dots; None where no method was timed."""
-    timed = exhibits.cost_table(cost).rows
-    return to_svg(exhibits.cost_figure(cost), "Time of each method") if timed else None
 
 
 def picture_data(folder: Path, file: str) -> str:

@@ -19,11 +19,6 @@ REFERENCE = ("pairs", "views", "kappas", "pictures", "without", "set")
 """Flags that the reference comparison, with the paper's 36 cells, leaves as they usually are."""
 OF_SIMULATION = (*REFERENCE, "frames", "sweeps", "quick", "ratex")
 """Settings that say what is simulated. They say nothing of captures from a folder."""
-LATER = (
-    *("ablation", "benchmark", "display_size", "even", "films", "sent", "photos", "camera"),
-    *("view", "fps"),
-)
-"""Flags that runs of before have always been without, so that their defaults are not named."""
 
 
 def chosen_sweeps(config: LayoutFlags, named: Sequence[str] | None) -> tuple[str, ...]:
@@ -53,14 +48,9 @@ def decisive_settings(
         methods: methods that are compared.
         layouts: layouts of the frame pairs on which they are compared.
     """
-    layout, usual = config.layout(), type(config)().layout()
+    layout = config.layout()
     flags = {field.name for field in fields(LayoutFlags)}
     settings = {k: v for k, v in asdict(config).items() if k not in (*UNDECISIVE, *flags)}
-    for flag in LATER:
-        if settings[flag] == getattr(type(config)(), flag):
-            del settings[flag]
+    settings |= {flag: getattr(layout, flag) for flag in sorted(flags)}
     settings["ratex"] = len(layout.ratex)
-    for flag in sorted(flags - {"ratex"}):  # runs of the usual grid have always been without them
-        if getattr(layout, flag) != getattr(usual, flag):
-            settings[flag] = getattr(layout, flag)
     return {**settings, "checkpoints": {m.name: checkpoint_digest(m, *layouts) for m in methods}}

@@ -4,12 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import pandas as pd
+
 from data_gen.channel.optics import CAPTURE_WIDTH, FILL
 from data_gen.frame_pair import Cell, Source
 from link.layout import make_layout
-from reports.engine.methods import Method
 from reports.engine.predict import Condition
-from reports.run import SweepCurve, SweepPoint
+from reports.score.accuracy import pool, score
 
 SWEPT_PAIRS = (
     "canon-imac", "nikon-lg", "sony-samsung", "canon-lg", "nikon-samsung", "sony-imac",
@@ -32,8 +33,6 @@ class Sweep:
     """Values that are decoded."""
     quick: tuple[float, ...]
     """Values that a quick run decodes."""
-    spoken: str
-    """A value in words, with {} in place of its number on the axis."""
     note: str = ""
     """What a reader must know beside the axis."""
     parameter: str = ""
@@ -48,80 +47,94 @@ class Sweep:
 
 SWEEPS: dict[str, Sweep] = {
     "kappa": Sweep(
-        "κ, the height of a bit", "κ, gray levels", tuple(range(1, 11)), (1, 2, 3, 5, 10), "κ {}"
+        "κ, the height of a bit", "κ, gray levels", tuple(range(1, 11)), (1, 2, 3, 5, 10)
     ),
     "angle": Sweep(
-        "Viewing angle", "angle, degrees", (0, 10, 20, 30, 45, 60, 70), (0, 30, 45, 60, 70), "{}°",
+        "Viewing angle", "angle, degrees", (0, 10, 20, 30, 45, 60, 70), (0, 30, 45, 60, 70),
         "The camera's exposure makes up for the fall-off of light (metering 1).",
         fixed=(("metering", 1.0),),
     ),
     "drift": Sweep(
         "Exposure drift between the frames", "drift σ, % of exposure",
-        (0, 0.01, 0.03, 0.06, 0.1, 0.2), (0, 0.03, 0.1, 0.2), "drift σ {} %",
+        (0, 0.01, 0.03, 0.06, 0.1, 0.2), (0, 0.03, 0.1, 0.2),
         "Standard deviation of the change in log exposure.", "drift", scale=100.0,
     ),
     "shift": Sweep(
         "Misregistration of the frames", "shift σ an axis, captured pixels",
-        (0, 0.15, 0.3, 0.6, 1, 2), (0, 0.3, 1, 2), "shift σ {} px",
+        (0, 0.15, 0.3, 0.6, 1, 2), (0, 0.3, 1, 2),
         "Standard deviation; turning and zooming by the same order.", "jitter_px",
     ),
     "noise": Sweep(
-        "Noise", "noise, × one native pixel's", (0, 0.5, 1, 2, 4, 8), (0, 1, 4), "noise × {}",
+        "Noise", "noise, × one native pixel's", (0, 0.5, 1, 2, 4, 8), (0, 1, 4),
         "1 is shot and read noise of a single native pixel of the sensor; cameras pool several.",
         "noise_scale",
     ),
     "jpeg": Sweep(
         "JPEG quality", "quality of libjpeg", (20, 35, 50, 70, 85, 95), (20, 50, 70, 95),
-        "JPEG quality {}", "", "jpeg_quality",
+        "", "jpeg_quality",
     ),
     "resolution": Sweep(
         "Capture resolution", "width of the picture at 0°, captured pixels",
-        (0.2, 0.25, 0.35, 0.5, 0.7, 1.0), (0.25, 0.5, 1.0), "{} px across",
+        (0.2, 0.25, 0.35, 0.5, 0.7, 1.0), (0.25, 0.5, 1.0),
         "The display shows 512 pixels across 8 blocks. Noise and shift shrink with the image.",
         "resolution", log=True, scale=FILL * CAPTURE_WIDTH,
     ),
     "ratex": Sweep(
-        "Ratex patches", "number of patches", (1, 2, 3, 5), (1, 3, 5), "{} ratex patches",
+        "Ratex patches", "number of patches", (1, 2, 3, 5), (1, 3, 5),
         "Methods that show no patch decode the same captures at every number.",
     ),
 }  # fmt: skip
 """Sweeps by name, in the report's order."""
 
 
+def condition_values(name: str) -> dict[str, float]:
+    """Give the values of a sweep, as its axis shows them, by the name of their condition.
+
+    >>> condition_values("drift")["drift 0.03"]
+    3.0
+    """
+    sweep = SWEEPS[name]
+    return {f"{name} {value:g}": sweep.scale * value for value in sweep.values}
+
+
 def sweep_conditions(
     names: Sequence[str], base: Source, frames: int, quick: bool
-) -> tuple[list[Condition], list[SweepCurve]]:
-    """Declare sweeps.
+) -> list[Condition]:
+    """Declare the conditions of sweeps, whose names `condition_values` has.
 
     Args:
         names: keys of `SWEEPS`.
         base: pictures, seed, and parameters that hold in every sweep.
         frames: frame pairs of each camera-display pair at each value.
         quick: fewer values and pairs.
-
-    Returns:
-        the conditions to decode, and what they are values of.
     """
     pairs = SWEPT_PAIRS[:3] if quick else SWEPT_PAIRS
-    conditions, curves = [], []
-    for name in names:
-        sweep = SWEEPS[name]
-        values = sweep.quick if quick else sweep.values
-        mine = [_condition(name, value, base, pairs, frames) for value in values]
-        points = [SweepPoint(v, c.name) for v, c in zip(values, mine, strict=True)]
-        conditions += mine
-        curves.append(
-            SweepCurve(
-                name, sweep.title, sweep.axis, sweep.note, sweep.log, sweep.scale, sweep.spoken,
-                points,
-            )
-        )  # fmt: skip
-    return conditions, curves
+    return [
+        _condition(name, value, base, pairs, frames)
+        for name in names
+        for value in (SWEEPS[name].quick if quick else SWEEPS[name].values)
+    ]
 
 
-def swept_methods(methods: Sequence[Method]) -> list[Method]:
-    """The methods that sweeps decode: twins of others are left out."""
-    return [m for m in methods if not m.card.twin_of]
+def swept_accuracies(records: pd.DataFrame) -> list[tuple[Sweep, pd.DataFrame]]:
+    """Pool the predictions at every value of every sweep, by method.
+
+    Args:
+        records: predictions of all sweeps.
+
+    Returns:
+        each sweep with a known bit, and its rows of `reports.score.accuracy.pool`, by rising
+        ``value``, as the axis shows it; methods stand in the order of the predictions.
+    """
+    pooled = pool(score(records), ["condition", "method"])
+    found = []
+    for name, sweep in SWEEPS.items():
+        values = condition_values(name)
+        mine = pooled[pooled["condition"].isin(values) & (pooled["bits"] > 0)]
+        if len(mine):
+            mine = mine.assign(value=mine["condition"].map(values))
+            found.append((sweep, mine.sort_values("value", kind="stable")))
+    return found
 
 
 def _condition(

@@ -11,6 +11,7 @@ import pandas as pd
 
 from data_gen.frame_pair import Source
 from export.to_onnx import export
+from link.errors import InputError
 from link.layout import Layout
 from models import OF_PAIRS
 from models.phi.decoder import PhiDecoder
@@ -18,7 +19,7 @@ from reports.captured.training_set import OwnSet
 from reports.engine.backends import Backend
 from reports.engine.conditions import condition_names
 from reports.engine.methods import Method, methods_for
-from reports.engine.predict import Condition, decode_captures, paper_cells, predict_all
+from reports.engine.predict import Condition, paper_cells, predict, predict_all, recorded_conditions
 from reports.engine.provenance import provenance
 from reports.evaluation.page import write_report
 from reports.render.tables import summary_table
@@ -115,9 +116,12 @@ def evaluate_own(
     """
     export(module, folder / "decoder.onnx", folder.name, PARITY_FRAMES, settings)
     methods = [*methods_for(FEW, folder), untrained(folder)]
-    file = folder / PREDICTIONS
-    records, notes = decode_captures(captures, methods, file, Backend(), own.held_out)
-    text = "\n".join([held_out_table(records, "learned"), *notes])
+    conditions = recorded_conditions(captures, own.held_out)
+    predicted = predict(conditions, methods, folder / PREDICTIONS, Backend())
+    if predicted.failed:
+        raise InputError(predicted.failed[0])
+    records = predicted.records
+    text = "\n".join([held_out_table(records, "learned"), *predicted.left_out])
     write_page(folder, records, text, settings, 0, simulated=False, captures=str(captures))
     return text
 
@@ -134,15 +138,10 @@ def held_out_table(records: pd.DataFrame, trained: str) -> str:
         records: predictions, by `BEFORE` among others.
         trained: label of the trained decoder.
     """
-    table = summary_table(score(records), "Held-out recordings").markdown()
     paired = compare_methods(records, trained, BEFORE, np.random.default_rng(0))
-    if paired is None:
-        return table
-    return (
-        f"{table}\n\n{trained} after training against {BEFORE}, on the same captures: "
-        f"{paired.difference:+.2f} points of accuracy (95 % interval {paired.low:+.2f} to "
-        f"{paired.high:+.2f}, over {paired.frames} captures)"
-    )
+    title = f"Held-out recordings; points and errors of {trained} against {BEFORE}"
+    against = {str(m): paired if m == trained else None for m in records["method"].unique()}
+    return summary_table(score(records), title, against).markdown()
 
 
 def write_page(

@@ -1,7 +1,6 @@
 """Two runs on the same captures: who is better, by how much, with paired tests."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +11,11 @@ from link.errors import InputError
 from link.files.lock import locked
 from link.images import write_bytes
 from reports.evaluation.html import render
+from reports.evaluation.sweeps import SWEEPS, condition_values
 from reports.render.charts import colour_of
 from reports.render.tables import Table, TableCell, Tint, difference_interval, number, percent
 from reports.run import Run, RunFolder
-from reports.score.paired import COUNTS, KEYS, MIN_FRAMES, Paired, compare, tally
+from reports.score.paired import COUNTS, KEYS, Counts, compare, tally
 
 SAME = (
     *("seed", "pictures", "captures", "without", "set"),
@@ -28,25 +28,9 @@ MAIN = "main comparison"
 """Where a comparison is made, if not in a sweep."""
 HEADS = (
     "method", "A right %", "B right %", "B less A, points", "95 % interval", "errors of B / A",
-    "bits only B / only A has right", "McNemar p", "frame pairs", "bits", "verdict",
+    "bits only B / only A has right", "McNemar p", "frame pairs", "bits",
 )  # fmt: skip
 """Heads of the comparison's tables."""
-
-
-@dataclass(frozen=True)
-class Versus:
-    """One method in both runs, over the frame pairs that both decoded."""
-
-    where: str
-    """The main comparison or a sweep, in words."""
-    method: str
-    """Label of the method."""
-    errors_a: int
-    """Number of bits that run A decided wrong."""
-    errors_b: int
-    """Number of bits that run B decided wrong."""
-    paired: Paired
-    """Run B against run A: a positive difference is an improvement."""
 
 
 def compare_runs(folder_a: Path, folder_b: Path) -> tuple[str, Path]:
@@ -61,9 +45,10 @@ def compare_runs(folder_a: Path, folder_b: Path) -> tuple[str, Path]:
     """
     a, b = RunFolder(folder_a).read(), RunFolder(folder_b).read()
     refuse_mismatch(a, b)
-    found = match_runs(a, b)
-    tables, notes = versus_tables(found), remarks(a, b, found)
-    colours = {v.method: colour_of(v.method) for v in found}
+    tables = match_runs(a, b)
+    methods = {str(row[0]) for table in tables for row in table.rows}
+    notes = remarks(a, b, methods)
+    colours = {method: colour_of(method) for method in sorted(methods)}
     sections = {f"part{number}": _sentence(table.title) for number, table in enumerate(tables)}
     text = render(
         "compare.html.j2",
@@ -98,20 +83,20 @@ def refuse_mismatch(a: Run, b: Run) -> None:
         raise InputError(f"one of {a.folder} and {b.folder} is simulated and the other is not")
 
 
-def match_runs(a: Run, b: Run) -> list[Versus]:
-    """Compare every method of both runs, in the main comparison and in each sweep of both.
+def match_runs(a: Run, b: Run) -> list[Table]:
+    """Compare every method of both runs: a table of the main comparison, and one of each sweep.
 
     Raises:
         InputError: a method was sent other bits in one run, or nothing is shared.
     """
     places = {MAIN: (a.records, b.records)}
-    for curve in a.sweeps:
-        conditions = [point.condition for point in curve.points]
+    for name, sweep in SWEEPS.items():
+        conditions = condition_values(name)
         left, right = (run.swept[run.swept["condition"].isin(conditions)] for run in (a, b))
-        places[f"sweep: {curve.title}"] = (left, right)
-    found = []
+        places[f"sweep: {sweep.title}"] = (left, right)
+    tables = []
     for where, (left, right) in places.items():
-        theirs = set(right["method"])
+        theirs, rows = set(right["method"]), []
         for method in (str(m) for m in left["method"].unique() if m in theirs):
             counts = _shared_counts(left, right, method)
             if counts is None:
@@ -120,30 +105,20 @@ def match_runs(a: Run, b: Run) -> list[Versus]:
                     "the runs are not of the same captures"
                 )
             if counts[COUNTS[0]].sum():
-                numbers = counts[COUNTS].to_numpy()
-                _, errors_b, errors_a, _ = (int(total) for total in numbers.sum(axis=0))
-                paired = compare(numbers, np.random.default_rng(0))
-                found.append(Versus(where, method, errors_a, errors_b, paired))
-    if not found:
+                rows.append(_cells(method, counts[COUNTS].to_numpy()))
+        tables += [Table(HEADS, rows, where)] if rows else []
+    if not tables:
         raise InputError(
             f"{a.folder} and {b.folder} share no method on a frame pair with known bits"
         )
-    return found
+    return tables
 
 
-def versus_tables(found: list[Versus]) -> list[Table]:
-    """Make a table of the main comparison, and one of each sweep."""
-    return [
-        Table(HEADS, [_cells(v) for v in found if v.where == where], where)
-        for where in dict.fromkeys(v.where for v in found)
-    ]
-
-
-def remarks(a: Run, b: Run, found: list[Versus]) -> list[str]:
+def remarks(a: Run, b: Run, methods: set[str]) -> list[str]:
     """Say what a reader must know: how much the runs share, and what else differs."""
     notes = []
     for run, letter in ((a, "A"), (b, "B")):
-        alone = set(run.methods) - {v.method for v in found}
+        alone = set(run.methods) - methods
         if alone:
             notes.append(f"Only in {letter}: {', '.join(sorted(alone))}.")
     frames_a, frames_b = (set(run.records[KEYS].itertuples(index=False)) for run in (a, b))
@@ -152,34 +127,18 @@ def remarks(a: Run, b: Run, found: list[Versus]) -> list[str]:
             f"A has {len(frames_a)} frame pairs in its main comparison, B {len(frames_b)}; "
             f"the {len(frames_a & frames_b)} that both have count."
         )
-    if a.about.commit != b.about.commit:
-        notes.append(
-            f"Commits differ ({a.about.commit or 'unknown'}, {b.about.commit or 'unknown'}): "
-            "if the channel was changed between them, the captures are not the same."
+    notes += [
+        f"{key} differs: {left!s:.300}; {right!s:.300}."
+        for key, left, right in (
+            ("commit", a.about.commit, b.about.commit),
+            *(
+                (key, a.about.settings.get(key), b.about.settings.get(key))
+                for key in ("protocol", "run", "checkpoints")
+            ),
         )
-    left, right = a.about.settings, b.about.settings
-    for key in ("protocol", "run"):
-        if left.get(key) != right.get(key):
-            notes.append(f"{key} differs: {left.get(key)}, {right.get(key)}.")
-    one: Mapping[str, str] = left.get("checkpoints", {})
-    two: Mapping[str, str] = right.get("checkpoints", {})
-    for name in one:
-        if name in two and one[name] != two[name]:
-            notes.append(f"checkpoint of {name} differs: {one[name][:12]}, {two[name][:12]}.")
+        if left != right
+    ]
     return notes
-
-
-def verdict(paired: Paired) -> tuple[str, Tint]:
-    """Say by the paired interval which run is better, and with which colour."""
-    if paired.frames < MIN_FRAMES:
-        return "too few frame pairs to tell", ""
-    if paired.low > 0:
-        return "B better", "good"
-    if paired.high < 0:
-        return "A better", "bad"
-    if paired.better + paired.worse == 0:
-        return "equal, bit by bit", ""
-    return "not told apart", ""
 
 
 def _shared_counts(left: pd.DataFrame, right: pd.DataFrame, method: str) -> pd.DataFrame | None:
@@ -195,21 +154,22 @@ def _shared_counts(left: pd.DataFrame, right: pd.DataFrame, method: str) -> pd.D
         return None
 
 
-def _cells(v: Versus) -> list[str | TableCell]:
-    bits = v.paired.bits
-    words, tint = verdict(v.paired)
+def _cells(method: str, counts: Counts) -> list[str | TableCell]:
+    """Give the row of a method, by its counts in run B against those in run A."""
+    _, errors_b, errors_a, _ = (int(total) for total in counts.sum(axis=0))
+    paired = compare(counts, np.random.default_rng(0))
+    tint: Tint = "good" if paired.low > 0 else "bad" if paired.high < 0 else ""
     return [
-        v.method,
-        percent(1 - v.errors_a / bits),
-        percent(1 - v.errors_b / bits),
-        f"{v.paired.difference:+.2f}",
-        difference_interval(v.paired),
-        number(v.paired.ratio, 2),
-        f"{v.paired.better} / {v.paired.worse}",
-        f"{v.paired.p_bits:.2g}",
-        f"{v.paired.frames:,}",
-        f"{bits:,}",
-        TableCell(words, tint=tint),
+        method,
+        percent(1 - errors_a / paired.bits),
+        percent(1 - errors_b / paired.bits),
+        TableCell(f"{paired.difference:+.2f}", tint=tint),
+        difference_interval(paired),
+        number(paired.ratio, 2),
+        f"{paired.better} / {paired.worse}",
+        f"{paired.p_bits:.2g}",
+        f"{paired.frames:,}",
+        f"{paired.bits:,}",
     ]
 
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from link.captures import KnownWindow, load_entry, read_manifest
+from link.captures import KnownWindow, read_manifest
 from link.errors import UnsuitedError
 from link.images import write_image
 from reports.captured.receive import pair_of_window
@@ -21,7 +21,7 @@ def write_annotated(captures: Path, methods: list[Method], folder: Path) -> None
         folder: gets the pictures, as PNG.
     """
     for number, entry in enumerate(read_manifest(captures)):
-        captured = load_entry(captures, entry)
+        captured = entry.load()
         if isinstance(captured, KnownWindow):
             captured = pair_of_window(captured, captured.observation.mixture.count // 2)
         pair = captured.rectified()

@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
-from typing import Any, Literal, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import matplotlib
 import numpy as np
@@ -25,7 +25,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.scale import FuncScale
 from matplotlib.ticker import FixedLocator, NullLocator
-from matplotlib.transforms import ScaledTranslation, blended_transform_factory
+from matplotlib.transforms import ScaledTranslation
 from numpy.typing import ArrayLike, NDArray
 
 from link.images import write_bytes
@@ -54,8 +54,6 @@ SVG = "{http://www.w3.org/2000/svg}"
 """Namespace of SVG, as ElementTree writes it before the names of elements."""
 LINK = "{http://www.w3.org/1999/xlink}href"
 """Attribute by which an element of SVG refers to another."""
-NOTE = "note: "
-"""Begins the id of a drawn thing whose rest is shown where the pointer rests on it."""
 
 STYLE: dict[str, Any] = {
     "font.size": 11.5,
@@ -112,8 +110,6 @@ class Point:
     """Lower end of the interval of ``y``."""
     high: float
     """Upper end of the interval of ``y``."""
-    note: str = ""
-    """Text that the page shows where the pointer rests on the point."""
 
 
 @dataclass(frozen=True)
@@ -205,42 +201,29 @@ def accuracy_from_scale(height: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(1 + KNEE - 10 ** -np.asarray(height, np.float64))
 
 
-def accuracy_ticks(least: float, short: bool = False) -> list[float]:
+def accuracy_ticks(least: float) -> list[float]:
     """Accuracies that an axis from about ``least`` to 1 names, ascending; the first is its end.
 
     Args:
         least: smallest accuracy that is shown, in [0, 1].
-        short: whether the axis has room for few.
     """
     low = max(tick for tick in ACCURACY_TICKS if tick <= max(least, 0.0))
     dropped = {0.98, 0.995} if low < 0.8 else set()
-    if short:
-        dropped |= {0.995, 0.98, 0.7, 0.95} if low < 0.9 else {0.995}
     return [tick for tick in ACCURACY_TICKS if tick >= low and tick not in dropped - {low}]
 
 
-def set_accuracy_axis(
-    panel: Axes, which: Literal["x", "y"], least: float, short: bool = False
-) -> None:
-    """Give an axis the scale of accuracies, with ticks in per cent of bits.
+def set_accuracy_axis(panel: Axes, least: float) -> None:
+    """Give the vertical axis the scale of accuracies, with ticks in per cent of bits.
 
     Args:
-        panel: its values along this axis are shares in [0, 1].
-        which: the horizontal axis "x" or the vertical axis "y".
+        panel: its heights are shares in [0, 1].
         least: smallest accuracy that is shown.
-        short: whether the axis has room for few ticks.
     """
-    ticks = accuracy_ticks(least, short)
-    panel.set(
-        **{
-            f"{which}scale": FuncScale(None, (accuracy_scale, accuracy_from_scale)),
-            f"{which}lim": (ticks[0], 1.0),
-            f"{which}label": "bits right, %",
-        }
-    )
-    axis = panel.xaxis if which == "x" else panel.yaxis
-    set_ticks(axis, ticks, [f"{100 * tick:g}" for tick in ticks])
-    axis.grid(True)
+    ticks = accuracy_ticks(least)
+    scale = FuncScale(None, (accuracy_scale, accuracy_from_scale))
+    panel.set(yscale=scale, ylim=(ticks[0], 1.0), ylabel="bits right, %")
+    set_ticks(panel.yaxis, ticks, [f"{100 * tick:g}" for tick in ticks])
+    panel.yaxis.grid(True)
 
 
 def set_ticks(axis: Axis, values: Sequence[float], labels: Sequence[str]) -> None:
@@ -274,8 +257,7 @@ def draw_series(
             ends = np.clip([point.low, point.high], low, high)
             panel.plot([point.x] * 2, ends, linewidth=1.1, alpha=0.75, **look)
             edge: dict[str, Any] = {"markeredgecolor": PAPER, "markeredgewidth": 0.6}
-            (mark,) = panel.plot([point.x], [height], marker_of(line.label), **edge, **look)
-            add_note(mark, point.note)
+            panel.plot([point.x], [height], marker_of(line.label), **edge, **look)
     order = {name: number for number, name in enumerate(DECODERS)}  # others stand before them
     handles = [
         Line2D(
@@ -291,41 +273,6 @@ def draw_series(
     if legend == "beside":
         place = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.02), "borderaxespad": 0.3}
     panel.legend(handles=handles, handlelength=1.2, handletextpad=0.5, **place)
-
-
-@in_style
-def dot_chart(series: Sequence[Series]) -> tuple[Figure, Axes]:
-    """Draw one row for each method: its first point along x as a dot, with its interval and note.
-
-    The interval ``low`` to ``high`` and the value ``x`` lie along x; the chart does not use ``y``.
-
-    Args:
-        series: a line with one point for each row, from top to bottom.
-
-    Returns:
-        the figure, and its panel, whose x axis the caller sets.
-    """
-    width, height = PANEL_IN[0], 0.34 * len(series) + 0.62
-    figure = Figure(figsize=(width, height))
-    left, right = 1.28, 0.9
-    panel = figure.add_axes(
-        (left / width, 0.56 / height, (width - left - right) / width, 1 - 0.62 / height)
-    )
-    for row, line in enumerate(series):
-        point, colour = line.points[0], line.colour or colour_of(line.label)
-        look: dict[str, Any] = {"color": colour, "clip_on": False}
-        panel.plot([point.low, point.high], [row, row], linewidth=2, **look)
-        edge: dict[str, Any] = {"markeredgecolor": PAPER, "markeredgewidth": 0.6, "markersize": 8}
-        (mark,) = panel.plot([point.x], [row], marker_of(line.label), **edge, **look)
-        add_note(mark, point.note)
-        beside = blended_transform_factory(panel.transAxes, panel.transData)
-        panel.text(1.04, row, point.note, transform=beside, va="center", color=MUTED, size=10.5)
-    set_ticks(panel.yaxis, range(len(series)), [line.label for line in series])
-    panel.tick_params(axis="y", length=0, labelsize=11.5, labelcolor=INK)
-    panel.spines["left"].set_visible(False)
-    panel.set_ylim(len(series) - 0.5, -0.5)
-    panel.grid(axis="x")
-    return figure, panel
 
 
 @in_style
@@ -379,11 +326,7 @@ def _simplify(element: ET.Element, prefix: str) -> None:
     if LINK in attributes:
         attributes["href"] = attributes.pop(LINK).replace("#", f"#{prefix}")
     name = attributes.pop("id", "")
-    if name.startswith(NOTE):
-        note = ET.Element(f"{SVG}title")
-        note.text = name.removeprefix(NOTE)
-        element.insert(0, note)
-    elif element.tag in ("path", "clipPath"):
+    if element.tag in ("path", "clipPath"):
         attributes["id"] = prefix + name
     if not name:
         attributes.pop("id", None)
@@ -400,9 +343,3 @@ def _simplify(element: ET.Element, prefix: str) -> None:
     element.tail = None
     if element.tag == "g":
         element.text = None
-
-
-def add_note(artist: Any, note: str) -> None:
-    """Let the page show a text where the pointer rests on a drawn thing."""
-    if note:
-        artist.set_gid(f"{NOTE}{note}")

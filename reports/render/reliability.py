@@ -56,7 +56,7 @@ def reliability_figure(curves: Curves, conditions: Sequence[str], columns: int =
         series = []
         for method, by_name in curves.items():
             points = [
-                Point(b.confidence, b.accuracy, b.ci_low, b.ci_high, f"{method}: {b.count} bits")
+                Point(b.confidence, b.accuracy, b.ci_low, b.ci_high)
                 for b in by_name[name]
                 if b.count >= SHOWN_BITS
             ]

@@ -17,6 +17,7 @@ from link.images import write_bytes
 from link.markdown import markdown_table
 from reports.score.accuracy import pool
 from reports.score.paired import MIN_FRAMES, Paired
+from reports.score.reliability import told
 
 Tint = Literal["", "good", "bad"]
 FAR = 3.0
@@ -153,6 +154,26 @@ def cell_tables(scores: pd.DataFrame) -> list[Table]:
         title = f"κ = {kappa}, {view:g}°: accuracy %, ± half the 95 % interval / the paper's"
         tables.append(Table(["pair", *methods], rows, title))
     return tables
+
+
+def information_table(records: pd.DataFrame, blocks_s: float = 0.0) -> Table:
+    """Tabulate how many bits each method read at all, and what its scores tell.
+
+    Args:
+        records: predictions of one condition, or of a folder of captures.
+        blocks_s: number of message blocks that the display shows a second; 0 where it is not known.
+    """
+    rows = []
+    for method in records.loc[records["known"] > 0, "method"].unique():
+        read, information = told(records, method)
+        second = [f"{information * blocks_s:,.0f}"] if blocks_s else []
+        rows.append([method, percent(read), number(information, 3), *second])
+    title = (
+        "Bits that were not erased, and the information of all in bits a block and frame pair, by "
+        "how often bits of like scores are right:"
+    )
+    heads = ["method", "read %", "information", *(["bits a second"] if blocks_s else [])]
+    return Table(heads, rows, title)
 
 
 BY = {

@@ -20,6 +20,8 @@ KEYS = ["condition", *FRAME]
 """Columns that name a frame pair of a study."""
 COUNTS = ["bits", "wrong", "reference_wrong", "both_wrong"]
 """Columns of `tally`: numbers of known bits, and of bits that each or both decide wrong."""
+REFERENCES = ("oorc", "hidden_ratex")
+"""Methods of the paper with which others are compared."""
 RESAMPLES, CHUNK = 10_000, 200
 """Resamples of the bootstrap, and how many of them are drawn at a time."""
 MIN_FRAMES = 5
@@ -184,11 +186,22 @@ def cells_behind(
     return found
 
 
-def same_captures(records: pd.DataFrame) -> list[list[str]]:
-    """Methods in groups that decoded the same captures, so that they can be paired."""
-    together: dict[tuple[object, ...], list[str]] = {}
-    for name, mine in records.groupby("method", sort=False):
-        frames = tuple(sorted(map(str, mine[KEYS].itertuples(index=False, name=None))))
-        bits = b"".join(bits[bits >= 0].tobytes() for bits in mine["bits"])
-        together.setdefault((frames, bits), []).append(str(name))
-    return list(together.values())
+def against_references(records: pd.DataFrame, seed: int) -> dict[str, Paired | None]:
+    """Compare every method with the first of `REFERENCES` that decoded the same captures.
+
+    Args:
+        records: predictions.
+        seed: seed of the resamples.
+
+    Returns:
+        comparisons by method, and None for a method without a reference or a known bit.
+    """
+    methods = [str(name) for name in records["method"].unique()]
+    found: dict[str, Paired | None] = {}
+    for method in methods:
+        rivals = [name for name in REFERENCES if name in methods and name != method]
+        compared = (
+            compare_methods(records, method, rival, np.random.default_rng(seed)) for rival in rivals
+        )
+        found[method] = next((paired for paired in compared if paired), None)
+    return found

@@ -149,7 +149,7 @@ def test_evaluate_says_which_methods_hidden_captures_leave_out(
     rows = json.loads((out / "metrics.json").read_text())["rows"]
     assert [row["method"] for row in rows] == ["hidden_ratex"]
     alone = ["--captures", folder, "--out", tmp_path / "none", "--methods", "oorc"]
-    refuses("evaluate", alone, f"{folder}: no method fits", began=True, folder=folder)
+    refuses("evaluate", alone, "no method suits what is decoded", began=True, folder=folder)
 
 
 def test_data_gen_does_not_write_into_other_captures(captures: Path, refuses: Refuses) -> None:

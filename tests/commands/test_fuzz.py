@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from streams import Stream, states_of
 
 from export.runtime import Decoder
-from link.captures import KNOWN, MANIFEST, load_capture, read_manifest, save_captures
+from link.captures import KNOWN, MANIFEST, read_manifest, save_captures
 from link.cli import run_cli
 from link.errors import InputError
 from link.frames import Captured
@@ -79,7 +79,7 @@ def test_manifests_of_any_values_are_refused_or_read(
     (folder / MANIFEST).write_text(json.dumps(sound | changes))
     try:
         (read,) = read_manifest(folder)
-        load_capture(folder, read).rectified()
+        read.load().rectified()
     except InputError as error:
         assert str(error)
 

@@ -17,18 +17,20 @@ import export.to_onnx as to_onnx_cli
 import receiver.__main__ as receive_cli
 import sender.__main__ as send_cli
 from data_gen.flags import LayoutFlags
-from data_gen.frame_pair import Source
+from data_gen.frame_pair import Cell, Source
 from export.parity import Parity
 from export.runtime import Decoder
-from link.captures import load_capture, read_manifest
+from link.captures import read_manifest
 from link.embed import embed
 from link.errors import InputError
 from link.images import write_image
 from link.layout import Layout, make_layout
 from models import PRETRAINED, PRETRAINED_PILOTS
 from models.phi.decoder import PhiDecoder
+from reports.engine.backends import Backend
 from reports.engine.digest import file_digest
-from reports.engine.methods import Method, suited_methods
+from reports.engine.methods import Method
+from reports.engine.predict import Condition, predict
 from reports.engine.records import read_predictions
 from reports.evaluation.settings import decisive_settings
 from reports.evaluation.sweeps import sweep_conditions
@@ -81,7 +83,7 @@ def test_wrong_layouts_end_in_one_line(
 def test_simulated_captures_carry_the_layout(tmp_path: Path, command: Command) -> None:
     done = command(data_gen_cli.main, *FINE, "--frames", 1, "--out", tmp_path / "out")
     (entry,) = read_manifest(tmp_path / "out")
-    assert load_capture(tmp_path / "out", entry).layout == FINE_LAYOUT
+    assert entry.load().layout == FINE_LAYOUT
     done = command(evaluate.main, "--captures", tmp_path / "out", "--out", tmp_path / "run",
                    "--methods", "oorc", "two_step", "naive", "--no-html")  # fmt: skip
     assert "two_step: left out of 1 of 1, it trains on ratex patches" in done.stdout
@@ -203,23 +205,16 @@ def test_the_runtime_says_where_no_pilots_are_seen(
 # The comparison
 
 
-def test_methods_that_a_layout_does_not_suit_are_told_apart() -> None:
-    methods = [Method(name) for name in ("naive", "two_step", "oorc", "blind")]
-    suited, notes = suited_methods(methods, FINE_LAYOUT)
-    assert [method.name for method in suited] == ["naive", "oorc", "blind"]
-    assert notes == ["two_step: left out, it trains on ratex patches and the layout has none"]
-    assert suited_methods(methods, make_layout()) == (methods, [])
-    with pytest.raises(InputError, match="no method suits this layout; two_step: left out"):
-        suited_methods(methods[1:2], FINE_LAYOUT)
-
-
 @pytest.mark.slow
 def test_the_comparison_leaves_out_what_does_not_suit(tmp_path: Path, command: Command) -> None:
     out = tmp_path / "run"
     done = command(
         evaluate.main, *TINY, *FINE, "--methods", "two_step", "oorc", "hidden_ratex", "--out", out
     )
-    assert "two_step: left out, it trains on ratex patches and the layout has none" in done.stdout
+    assert (
+        "two_step: left out of 1 of 1, it trains on ratex patches and the layout has none"
+        in done.stdout
+    )
     lines = [json.loads(line) for line in (out / "predictions.jsonl").read_text().splitlines()]
     assert {line["method"]: len(line["bits"]) for line in lines} == {
         "oorc": 12 * 16 - 32,
@@ -235,35 +230,30 @@ def test_the_comparison_leaves_out_what_does_not_suit(tmp_path: Path, command: C
     command(evaluate.main, "--report", out)
 
 
-def test_settings_of_the_usual_layout_are_those_of_runs_that_knew_no_other() -> None:
-    """Golden: a folder that an earlier version began is gone on with and compared."""
-    keys = list(decisive_settings(evaluate.EvaluateConfig(), [], []))
-    assert sorted(keys) == [
-        "captures", "checkpoints", "frames", "kappas", "methods", "pairs",
-        "pictures", "protocol", "quick", "ratex", "run", "seed", "set", "sweeps", "views",
-        "without",
-    ]  # fmt: skip
-    assert decisive_settings(evaluate.EvaluateConfig(), [], [])["ratex"] == 5
+def test_settings_say_the_layout_and_not_how_it_was_asked_for() -> None:
     assert decisive_settings(evaluate.EvaluateConfig(ratex=3), [], [])["ratex"] == 3
     same = [decisive_settings(evaluate.EvaluateConfig(pilots=p), [], []) for p in ("auto", "0.25")]
     assert same[0] == same[1]
     assert (same[0]["pilots"], same[0]["ratex"]) == (16, 0)
 
 
-def test_methods_that_train_on_what_the_layout_lacks_are_left_out() -> None:
-    methods = [
-        Method(name) for name in ("naive", "oorc", "blind", "hidden_ratex", "phi", "learned")
-    ]
-    assert suited_methods(methods, FINE_LAYOUT) == (methods, [])
-    suited, notes = suited_methods(methods, replace(FINE_LAYOUT, pilots=0))
-    assert [method.name for method in suited] == ["blind", "hidden_ratex"]
-    for name, note in zip(("naive", "oorc", "phi", "learned"), notes, strict=True):
-        assert note.startswith(f"{name}: left out, it trains on ratex patches or pilots")
+def test_methods_that_train_on_what_the_layout_lacks_are_left_out(tmp_path: Path) -> None:
+    cells, file = (Cell("canon-lg", 0.0, 5),), tmp_path / "predictions.jsonl"
+    bare = Condition("bare", Source(replace(FINE_LAYOUT, pilots=0)), cells, 1)
+    methods = [Method(name) for name in ("naive", "two_step", "oorc", "phi", "learned", "blind")]
+    predicted = predict([bare], methods, file, Backend())
+    assert predicted.records["method"].tolist() == ["blind"]
+    reason = "left out of 1 of 1, it trains on ratex patches"
+    assert len(predicted.left_out) == 5
+    for method, line in zip(methods[:5], predicted.left_out, strict=True):
+        assert line.startswith(f"bare: {method.label}: {reason}")
+    with pytest.raises(InputError, match="no method suits what is decoded; bare: naive: left out"):
+        predict([bare], methods[:1], tmp_path / "none.jsonl", Backend())
 
 
 def test_the_sweep_of_patches_keeps_the_rest_of_the_layout() -> None:
     base = Source(FINE_LAYOUT)
-    conditions, _ = sweep_conditions(("ratex", "kappa"), base, 1, quick=True)
+    conditions = sweep_conditions(("ratex", "kappa"), base, 1, quick=True)
     layouts = [condition.source.layout for condition in conditions]
     assert [len(layout.ratex) for layout in layouts[:3]] == [1, 3, 5]
     for layout in layouts[:3]:

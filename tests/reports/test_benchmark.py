@@ -13,7 +13,7 @@ from link.layout import make_layout
 from reports import benchmark
 from reports.benchmark import benchmark_conditions
 from reports.engine.predict import Condition, paper_cells
-from reports.evaluation.films import film_conditions
+from reports.evaluation.comparison import film_conditions
 
 
 @pytest.mark.slow

@@ -17,8 +17,8 @@ from reports.evaluation.versus import compare_runs
 from reports.run import Run
 
 JSON = (
-    "run.json", "metrics.json", "predictions.jsonl", "sweeps.json", "sweeps.jsonl", "stories.json",
-    "response.json", "cost.json",
+    "run.json", "metrics.json", "predictions.jsonl", "sweeps.jsonl", "stories.json",
+    "response.json",
 )  # fmt: skip
 """Files that --report reads."""
 QUICK = ("run.json", "stories.json", "response.json")
@@ -70,9 +70,8 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-CHARTS = ("summary_chart", "reliability_charts", "response_charts")
-CHARTS += ("cost_chart", "sweep_charts")
-FINDINGS = ("standings", "find_glance")
+CHARTS = ("reliability_charts", "response_charts", "sweep_charts")
+FINDINGS = ("ranked_comparisons",)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -82,8 +81,8 @@ def what_takes_long_is_made_once_of_the_same_numbers() -> Iterator[None]:
 
     def shown_of(run: Run, name: str) -> object:
         if name in CHARTS:
-            return run.sweeps
-        return run.about, run.records, run.scores, run.swept, run.sweeps
+            return run.swept
+        return run.about, run.records, run.scores
 
     def once(name: str, draw: Callable[..., Any]) -> Callable[..., Any]:
         def remembered(*numbers: Any) -> Any:
@@ -155,18 +154,18 @@ def test_a_whole_run_is_shown(shown: Callable[..., bool]) -> None:
 @pytest.mark.parametrize("name", [slow(n) if n == "stories.json" else n for n in SOME])
 def test_a_file_of_other_content_is_refused(shown: Callable[..., bool], name: str) -> None:
     optional = name not in ("run.json", "predictions.jsonl", "metrics.json")
-    lists = ("sweeps.json", "sweeps.jsonl", "stories.json", "response.json")
+    lists = ("stories.json", "response.json")
     for kind in CONTENTS:
         page = shown(lambda folder, kind=kind: put(folder / name, kind), (name, kind))
         allowed = kind in ("removed", "folder") and optional
-        allowed |= kind == "[]" and name in lists and name != "sweeps.jsonl"
+        allowed |= kind == "[]" and name in lists
         allowed |= kind == "empty" and name == "sweeps.jsonl"
         assert page <= allowed, (name, kind)
 
 
 @pytest.mark.parametrize("how", [exhaustive(how) for how in LOOKS[1:]])
 def test_a_comparison_refuses_a_file_of_other_content(shown: Callable[..., bool], how: str) -> None:
-    for name in JSON[:5]:
+    for name in JSON[:4]:
         for kind in ("empty", "{}", "[]", "[{}]", "truncated", "removed", "binary"):
             shown(lambda folder, n=name, k=kind: put(folder / n, k), (name, kind), how)
 

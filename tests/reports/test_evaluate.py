@@ -137,8 +137,7 @@ def test_a_run_that_was_cut_off_goes_on_to_the_same_bytes(
 
     decode_cell = engine.decode_cell
     monkeypatch.setattr(engine, "decode_cell", noted)
-    predictions.with_name("predictions.jsonl.part").write_bytes(lines[0] + lines[1][:-9])
-    predictions.unlink()
+    predictions.write_bytes(lines[0] + lines[1][:-9])
     command(evaluate.main, *run)
     assert predictions.read_bytes() == before
     assert len(decoded) == 2
@@ -257,7 +256,7 @@ def test_a_stored_cell_that_is_corrupted_is_made_again(
     assert file.stat().st_mtime_ns == time_ns  # what is whole is not made again
     line = json.loads(stored)
     del line["sha256"]
-    monkeypatch.setattr(engine, "decode_cell", lambda task: [line])  # decoding takes long
+    monkeypatch.setattr(engine, "decode_cell", lambda task: ([line], {}))  # decoding takes long
     for name, content in damaged_cells(json.loads(stored)).items():
         file.write_bytes(content)
         assert decoded() == expected, name

@@ -1,0 +1,222 @@
+"""The comparison of methods: on simulated frame pairs, on simulated films, on a folder of captures.
+
+Each decodes, scores, prints and writes in the same way (`compare_on`), and adds what its report
+shows beside the predictions.
+"""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from link.captures import MANIFEST, read_manifest
+from link.errors import at_least
+from reports.captured.door import FILMS
+from reports.captured.evidence import film_evidence
+from reports.engine.backends import Backend
+from reports.engine.digest import file_digest
+from reports.engine.methods import Method
+from reports.engine.predict import (
+    Condition,
+    Predicted,
+    paper_cells,
+    predict,
+    recorded_conditions,
+)
+from reports.engine.provenance import provenance
+from reports.evaluation.evidence import (
+    Stopwatch,
+    captured_pictures,
+    simulated_pictures,
+    write_responses,
+)
+from reports.evaluation.sweeps import sweep_conditions
+from reports.films import FilmSource, film_settings
+from reports.render.tables import Table, cell_tables, information_table, summary_table
+from reports.run import PREDICTIONS, SWEPT, RunFolder
+from reports.score.accuracy import score
+
+Beside = Callable[[Predicted, Stopwatch], list[str]]
+"""Writes more beside what was decoded, and gives a line for each cell that failed on the way."""
+
+
+def compare_on(
+    conditions: Sequence[Condition],
+    methods: Sequence[Method],
+    folder: RunFolder,
+    backend: Backend,
+    seed: int,
+    tabulate: Callable[[pd.DataFrame], Sequence[Table]],
+    *,
+    simulated: bool = True,
+    beside: Beside = lambda predicted, clock: [],
+    notes: Sequence[str] = (),
+    **stated: str,
+) -> list[str]:
+    """Decode, score, print and write.
+
+    Args:
+        conditions: what is decoded.
+        methods: methods; one that does not suit is left out, and a line says so.
+        folder: folder of the run; its settings are written already.
+        backend: where cells are decoded.
+        seed: seed that is written beside the results.
+        tabulate: makes the tables of the predictions.
+        simulated: whether all captures are simulated.
+        beside: writes more, once the predictions and their scores are written.
+        notes: what a reader must know of the captures.
+        **stated: settings that run.json says otherwise than config.json.
+
+    Returns:
+        a line for each cell that failed.
+    """
+    clock = Stopwatch()
+    with clock.time("decoding"):
+        predicted = predict(conditions, methods, folder.path / PREDICTIONS, backend)
+    notes = [*notes, *predicted.left_out]
+    tables = [table.markdown() for table in tabulate(predicted.records)]
+    meta = provenance(seed, simulated) | {"failed_cells": predicted.failed}
+    folder.write_comparison(predicted.records, meta, "\n\n".join(tables))
+    print(*notes, sep="\n", end="\n" * bool(notes))
+    print(*tables, f"written: {folder.path}/predictions.jsonl, metrics.json, tables.md", sep="\n\n")
+    failed = predicted.failed + beside(predicted, clock)
+    folder.finish(meta, clock.seconds, [*notes, *failed], **stated)
+    return failed
+
+
+def evaluate_simulated(
+    comparison: Condition,
+    methods: Sequence[Method],
+    folder: RunFolder,
+    backend: Backend,
+    sweeps: Sequence[str],
+    *,
+    quick: bool,
+    html: bool,
+) -> list[str]:
+    """Compare methods on simulated frame pairs, with `compare_on`.
+
+    Args:
+        comparison: cells that are compared.
+        methods: methods.
+        folder: folder of the run.
+        backend: where cells are decoded.
+        sweeps: names of the sweeps that are measured for the report.
+        quick: whether sweeps have fewer values.
+        html: whether to measure what report.html shows beside the predictions.
+    """
+    source = comparison.source
+
+    def tabulate(records: pd.DataFrame) -> list[Table]:
+        scores = score(records)
+        kind = "held-out pictures" if source.pictures is None else "your own pictures"
+        title = f"All cells (simulated captures, {kind})"
+        return [*cell_tables(scores), summary_table(scores, title)]
+
+    def beside(predicted: Predicted, clock: Stopwatch) -> list[str]:
+        records = predicted.records
+        if not html:
+            return []
+        suited = [m for m in methods if m.label in set(records["method"])]
+        with clock.time("sweeps"):
+            fewer = max(1, 2 * comparison.frames // 3)
+            conditions = sweep_conditions(sweeps, source, fewer, quick)
+            unlike = [method for method in suited if not method.card.twin_of]
+            swept = predict(conditions, unlike, folder.path / SWEPT, backend)
+        with clock.time("pictures"):
+            simulated_pictures(folder, comparison, records, suited)
+        with clock.time("responses"):
+            write_responses(folder, comparison, suited)
+        return swept.failed
+
+    return compare_on([comparison], methods, folder, backend, source.seed, tabulate, beside=beside)
+
+
+def film_conditions(
+    names: Sequence[str], pairs: Sequence[str], views: Sequence[float], frames: int, seed: int
+) -> list[Condition]:
+    """Make a condition of each kind of film.
+
+    Args:
+        names: what is shown and filmed, "PRESET" or "PRESET:FPS".
+        pairs: camera-display pairs.
+        views: angles of observation, degrees.
+        frames: number of films of each cell, of which one window is decoded.
+        seed: seed of every random draw.
+
+    Raises:
+        InputError: a name, pair or view is wrong; the message says which.
+    """
+    at_least(0, seed=seed)
+    conditions = []
+    for name in names:
+        settings = film_settings(name)
+        cells = paper_cells(pairs, views, (settings.kappa,))
+        conditions.append(Condition(name, FilmSource(settings, seed), cells, frames))
+    return conditions
+
+
+def film_tables(records: pd.DataFrame) -> list[Table]:
+    """Tabulate accuracies and information of each kind of film."""
+    tables = []
+    for name, mine in records.groupby("condition", sort=False):
+        title = f"{name}: windows of films (simulated, held-out pictures)"
+        scores = score(mine).assign(paper=float("nan"))  # the paper decoded no films
+        tables += [summary_table(scores, title), information_table(mine)]
+    return tables
+
+
+def evaluate_folder(
+    captures: Path,
+    methods: Sequence[Method],
+    folder: RunFolder,
+    seed: int,
+    backend: Backend,
+    html: bool,
+    notes: Sequence[str] = (),
+) -> list[str]:
+    """Compare methods on a folder of captures, with `compare_on`.
+
+    Args:
+        captures: folder with a manifest.
+        methods: methods.
+        folder: folder of the run.
+        seed: seed of the paired comparisons' resamples.
+        backend: where captures are decoded.
+        html: whether to write the pictures that report.html shows beside the predictions.
+        notes: what a reader must know of how the captures were recorded.
+    """
+    entries = read_manifest(captures)
+    simulated = all(bool(entry.meta.get("simulated")) for entry in entries)
+
+    def tabulate(records: pd.DataFrame) -> list[Table]:
+        kind = "simulated captures" if simulated else "recorded captures"
+        tables = [summary_table(score(records), f"All cells ({kind})")]
+        windows = any(entry.is_window for entry in entries)
+        return [*tables, information_table(records)] if windows else tables
+
+    def beside(predicted: Predicted, clock: Stopwatch) -> list[str]:
+        records = predicted.records
+        if any("time_s" in entry.meta for entry in entries):
+            with clock.time("counting"):
+                folder.write(FILMS, film_evidence(captures, records, folder.path, html))
+        if html:
+            with clock.time("pictures"):
+                captured_pictures(folder, captures, records)
+        return []
+
+    unlike = any(entry.layout.ratex and not entry.meta.get("equalised") for entry in entries)
+    if unlike and any(method.label == "hidden_ratex" for method in methods):
+        notes = [*notes, "hidden_ratex: these pictures were not equalised for it"]
+    return compare_on(
+        recorded_conditions(captures),
+        methods,
+        folder,
+        backend,
+        seed,
+        tabulate,
+        simulated=simulated,
+        beside=beside,
+        notes=notes,
+        captures=f"manifest {file_digest([captures / MANIFEST])[:16]}",
+    )
