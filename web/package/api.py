@@ -142,7 +142,7 @@ class Receiver:
             InputError: ``frame``: not an image; ``time``: not finite, does not rise, or is in
                 another unit; ``finished``: after `finish`; ``failed``: a model failed to run.
         """
-        self._check_open()
+        self.check_open()
         with _coded("time"):
             _number("time", time)
             if not time > self._time:
@@ -169,12 +169,13 @@ class Receiver:
         Raises:
             InputError: ``finished``: it was called before; ``failed``: a model failed to run.
         """
-        self._check_open()
+        self.check_open()
         self._finished = True
         with _coded("failed"):
             return [*self._stream.finish(), self._stream.end()]
 
-    def _check_open(self) -> None:
+    def check_open(self) -> None:
+        """Raise an `InputError`, ``finished``, after `finish`."""
         with _coded("finished"):
             if self._finished:
                 raise InputError("this receiver has finished; make a new one for other frames")
@@ -224,9 +225,10 @@ class LiveReceiver:
         The frame must not be changed afterwards.
 
         Raises:
-            InputError: that of an earlier frame.
+            InputError: that of an earlier frame; ``finished``: after `finish`.
         """
         self._raise()
+        self._receiver.check_open()
         self._waiting.put((frame, time))
 
     def finish(self) -> None:
