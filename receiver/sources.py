@@ -57,6 +57,8 @@ class FrameSource:
     """The frames, in order; they can be taken once."""
     fps: float
     """Nominal number of frames a second."""
+    live: bool = False
+    """Whether they come from a camera or a stream, so that none comes twice."""
 
 
 def open_source(
@@ -90,11 +92,11 @@ def open_source(
     number = device[1] if device else name
     if number.isascii() and number.isdigit() and len(number) <= MAX_CAMERA_DIGITS:
         camera = Camera(int(number), camera_size, camera_fps, max_megapixels)
-        return FrameSource(_live(camera), fps or camera.fps)
+        return FrameSource(_live(camera), fps or camera.fps, live=True)
     address = ADDRESS.fullmatch(name)
     if address is not None and address[1].lower() in SCHEMES:
         camera = Camera(name, max_megapixels=max_megapixels)
-        return FrameSource(_live(camera), fps or camera.fps)
+        return FrameSource(_live(camera), fps or camera.fps, live=True)
     path = Path(name)
     if path.is_dir():
         return _folder(path, fps, max_megapixels)

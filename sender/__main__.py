@@ -25,6 +25,7 @@ from link.outside import read_bounded
 from link.placement import FITS
 from link.presets import DEFAULT_PRESET, PRESETS, Preset, least_camera_fps, needed_camera_fps
 from sender.bench import SECONDS, write_bench
+from sender.carrying import CARRIED, DARK, DIM, carried_share
 from sender.hiding import Hiding, Onlooker
 from sender.pictures import is_film, note_coarse, open_pictures
 from sender.player import PLAYED
@@ -225,7 +226,8 @@ def main() -> None:
 
     Prints one line of JSON: size and capacity of the loop, time, bit/s, PSNR, SSIM, by how much the
     picture's mean over time changed (CIEDE2000), the preset, and how visible the message is to the
-    eye, as contrast over threshold (docs/visibility.md).
+    eye, as contrast over threshold (docs/visibility.md), and of a still picture which share of the
+    bits is expected to come through.
     """
     args = check_flags(send_parser().parse_args())
     kind = output_kind(args.out)
@@ -268,10 +270,19 @@ def main() -> None:
         "visibility_block": round(hiding.seen(loop.kappa), 3),
         "visibility_screen": round(hiding.seen(loop.kappa, "screen"), 3),
     }
+    carried = None
+    usual = (layout, loop.kappa, even) == (preset.layout, preset.kappa, preset.even)
+    if args.preset in CARRIED and usual and not moving:
+        carried = carried_share(next(loop.carriers()).picture, args.preset)
+        more["carried_share"] = round(carried, 3)
+        expected = carried * layout.n_bits * state_hz / 2
+        more["expected_bit_per_s"] = round(expected, 2)
     film = args.pictures if moving else None
     report = write_loop(loop, args.out, len(message), state_hz, film, flickers=flickers, more=more)
     print(json.dumps({"out": str(args.out), **report}))
     better = BETTER.format(better_fps) if better_fps > camera_fps else ""
+    if carried is not None and carried < DIM:
+        print(DARK.format(carried, expected), file=sys.stderr)
     print(NEEDED.format(state_hz, camera_fps, better), file=sys.stderr)
     if flicker:
         print(FLICKER[flicker].format(hiding.seen(loop.kappa)), file=sys.stderr)

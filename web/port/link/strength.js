@@ -42,16 +42,26 @@ export function blockSteps({ width, height, data }, rows, cols) {
   );
   const masks = masking(light, rows, cols);
   return Uint8Array.from(light, (value, block) => {
-    const step = Math.floor(STEPS_PER_OCTAVE * Math.log2(evenFactor(value) * masks[block]) + 1e-9);
+    const factor = interpolated(value, EVEN_LIGHT, EVEN_FACTORS) * masks[block];
+    const step = Math.floor(STEPS_PER_OCTAVE * Math.log2(factor) + 1e-9);
     return Math.min(Math.max(step, 0), FACTORS.length - 1);
   });
 }
 
-/** @param {number} light @returns {number} by which flicker over it may be larger, at least 1 */
-function evenFactor(light) {
-  const at = Math.max(1, EVEN_LIGHT.findIndex((known) => known >= light));
-  const slope = (EVEN_FACTORS[at] - EVEN_FACTORS[at - 1]) / (EVEN_LIGHT[at] - EVEN_LIGHT[at - 1]);
-  return EVEN_FACTORS[at - 1] + slope * (light - EVEN_LIGHT[at - 1]);
+/**
+ * Interpolate between known values, as `np.interp` does.
+ *
+ * @param {number} at
+ * @param {number[]} places - at which values are known, rising
+ * @param {number[]} values
+ * @returns {number}
+ */
+export function interpolated(at, places, values) {
+  const last = places.length - 1;
+  if (at >= places[last]) return values[last];
+  const after = Math.max(1, places.findIndex((known) => known >= at));
+  const slope = (values[after] - values[after - 1]) / (places[after] - places[after - 1]);
+  return values[after - 1] + slope * (at - places[after - 1]);
 }
 
 /**
