@@ -434,6 +434,7 @@ def test_a_film_without_a_display_is_said_to_have_none(reader, tmp_path) -> None
     reader.locator("#film").set_input_files(tmp_path / "wall.mkv")
     wait_for(reader, lambda: text_of(reader, "status") == "No display found in this film")
     assert "Fit the whole display into the frame" in text_of(reader, "advice")
+    assert "mirrored" in text_of(reader, "advice")
     assert text_of(reader, "message") == ""
 
 

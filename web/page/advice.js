@@ -64,7 +64,6 @@ export function adviceFor(sight, waiting, image) {
   if (waiting < PATIENCE_S) return "";
   const { corners, synchronised, level } = sight;
   const isDark = level !== null && level < DARK;
-  if (isDark && corners) return "It is too dark. Turn the display brighter, or add light.";
   if (sight.clipped > BRIGHT) {
     return "It is too bright. Avoid reflections, or lower the exposure.";
   }
@@ -81,6 +80,7 @@ export function adviceFor(sight, waiting, image) {
   if (sight.exposed > LONG) {
     return "Each frame is exposed for too long. Add light, or choose a shorter exposure.";
   }
+  if (isDark) return "It is too dark. Turn the display brighter, or take a brighter picture.";
   if (!synchronised) return "Hold the camera still. Is the display playing the message?";
   return waiting > 3 * PATIENCE_S ? "Hold still, or come closer: the message arrives slowly." : "";
 }

@@ -206,7 +206,7 @@ test("advice says what would help, and waits before it does", () => {
   assert.match(adviceFor({ ...lost, clipped: 0.5 }, 9, image), /too bright/);
   assert.match(adviceFor(lost, 9, image), /come closer/);
   assert.match(adviceFor({ ...sight, corners: far }, 9, image), /small.*closer/);
-  assert.match(adviceFor({ ...sight, cut: true }, 9, image), /outside/);
+  assert.match(adviceFor({ ...sight, cut: true, level: 5 }, 9, image), /outside/);
   assert.match(adviceFor({ ...sight, exposed: 2 }, 9, image), /shorter exposure/);
   assert.match(adviceFor({ ...sight, synchronised: false }, 9, image), /still/);
   assert.equal(adviceFor(sight, 9, image), "");
