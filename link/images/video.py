@@ -254,9 +254,14 @@ def _open_capture(path: Path) -> cv2.VideoCapture:
 def _as_file(path: Path) -> str:
     """Name a file for FFmpeg, which takes what stands before a colon for a protocol.
 
-    OpenCV takes bytes, too, and crashes on text that is not UTF-8.
+    OpenCV crashes on text that is not UTF-8, but takes bytes in its place since 4.12.
     """
-    return cast(str, os.fsencode(os.path.abspath(path)))
+    name = os.path.abspath(path)
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        return cast(str, os.fsencode(name))
+    return name
 
 
 def next_frame(capture: cv2.VideoCapture) -> NDArray[np.uint8] | None:

@@ -8,7 +8,9 @@ with what is given raises `InputError`, whose ``code`` says in a word what is wr
 """
 
 try:
-    import cv2  # noqa: F401 - pip cannot say that opencv-python serves as well as the headless one
+    # pip cannot say that opencv-python serves as well as the headless one; where one of both was
+    # taken away again, cv2 is there, and empty
+    from cv2 import imdecode  # noqa: F401
 except ImportError:
     raise ImportError(
         "oorc_receiver needs OpenCV: pip install opencv-python-headless, or opencv-python where "
