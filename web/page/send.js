@@ -45,8 +45,17 @@ function say(text, isError = false) {
   byId("status").classList.toggle("error", isError);
 }
 
+/** What the server's policy forbids this page, once it has; nothing else is said then. */
+let forbidden = "";
+document.addEventListener("securitypolicyviolation", ({ effectiveDirective: part }) => {
+  if (!/^(img|media)-src/.test(part)) return;
+  forbidden = `This page's server forbids pictures. Who runs it adds ${part} 'self' blob: to its Content-Security-Policy.`;
+  say(forbidden, true);
+});
+
 /** @param {unknown} error */
 function sayError(error) {
+  if (forbidden) return say(forbidden, true);
   const why = error instanceof Error ? error.message : String(error);
   const unknown = why === RENEWED ? failureOf(why).join(": ") : `This did not work: ${why}`;
   say(error instanceof InputError ? why : unknown, true);

@@ -4,6 +4,7 @@
  */
 
 import { strength } from "../../generated/constants.js";
+import { interpolated } from "../image/interpolated.js";
 
 const {
   LUMINANCE_FROM_RGB, STEPS_PER_OCTAVE, FACTORS, LIGHT, EVEN, EVEN_LIGHT, MASKING_WEIGHT, MASKING_EXPONENT,
@@ -46,22 +47,6 @@ export function blockSteps({ width, height, data }, rows, cols) {
     const step = Math.floor(STEPS_PER_OCTAVE * Math.log2(factor) + 1e-9);
     return Math.min(Math.max(step, 0), FACTORS.length - 1);
   });
-}
-
-/**
- * Interpolate between known values, as `np.interp` does.
- *
- * @param {number} at
- * @param {number[]} places - at which values are known, rising
- * @param {number[]} values
- * @returns {number}
- */
-export function interpolated(at, places, values) {
-  const last = places.length - 1;
-  if (at >= places[last]) return values[last];
-  const after = Math.max(1, places.findIndex((known) => known >= at));
-  const slope = (values[after] - values[after - 1]) / (places[after] - places[after - 1]);
-  return values[after - 1] + slope * (at - places[after - 1]);
 }
 
 /**

@@ -3,9 +3,9 @@
 import {
   images, placement, senderCarrying, senderCompact, senderPictures,
 } from "../../generated/constants.js";
+import { interpolated } from "../image/interpolated.js";
 import { roundHalfEven } from "../image/round.js";
 import { InputError } from "../link/errors.js";
-import { interpolated } from "../link/strength.js";
 
 /** @import { Picture } from "../link/strength.js" */
 
