@@ -127,7 +127,9 @@ def states_per_second(usual: float, hold: int | None, refresh: float, kind: str)
     if hold is not None:
         at_least(1, hold=hold)
     wanted = usual if hold is None else refresh / hold
-    if not (0.1 <= wanted <= 1000 and refresh >= 0.1):
+    if not refresh >= 0.1:
+        raise ParameterError("refresh", f"need 0.1 or more a second, got {refresh:g}")
+    if not 0.1 <= wanted <= 1000:
         raise InputError(f"--refresh, --hold: need 0.1 to 1000 a second, got {wanted:g}")
     if kind != ".html" or hold is not None:
         return wanted

@@ -1,5 +1,6 @@
 """The pictures that carry the message: one image, a folder of images, or a video."""
 
+import mimetypes
 import sys
 from collections.abc import Iterator
 from functools import partial
@@ -13,6 +14,7 @@ from PIL import Image, ImageCms
 
 from link.errors import InputError, ParameterError
 from link.images import IMAGE_SUFFIXES, image_files, read_picture
+from link.images.size import image_size
 from link.images.video import VideoReader
 from link.loop import Pictures
 from link.outside import is_file
@@ -21,14 +23,25 @@ MAX_SECONDS = 3600.0
 """Longest time for which an image of a folder may stay."""
 SAME_TIME = 1e-3
 """Share of a state's time by which a frame may be late and still be shown by it."""
+HEAD_BYTES = 2**20
+"""Number of bytes of a file that are looked at for a picture's size."""
 COARSE = 2.0
 """Factor of enlargement from which on a picture's own pixels are seen, so that it is worth a note.
 """
 
 
 def is_film(source: Path) -> bool:
-    """Tell whether what `open_pictures` opens is a video, which has a picture for each state."""
-    return not source.is_dir() and source.suffix.lower() not in IMAGE_SUFFIXES
+    """Tell whether what `open_pictures` opens is a video, which has a picture for each state.
+
+    A file whose name does not say so is a picture where its first bytes are those of one.
+    """
+    if source.is_dir() or source.suffix.lower() in IMAGE_SUFFIXES:
+        return False
+    kind, _ = mimetypes.guess_type(source.name)
+    if source.suffix and not (kind or "").startswith("image/"):
+        return True
+    with source.open("rb") as file:
+        return image_size(file.read(HEAD_BYTES)) is None
 
 
 def open_pictures(

@@ -125,8 +125,8 @@ class VideoReader:
         self._video = _open_capture(self.path)
         if not self._video.isOpened():
             raise InputError(
-                f"{path}: not a readable video; it may be cut off or of a kind that OpenCV cannot "
-                "read"
+                f"{path}: not a readable video, and no PNG, JPEG, TIFF, BMP or WebP file; it may "
+                "be cut off, or of a kind that OpenCV cannot read"
             )
         width, height = (
             int(self._video.get(side))
