@@ -189,7 +189,7 @@ def _check_value(name: str, value: object) -> None:
         low = 0 if isinstance(value, int) else -high
         if not low <= value <= high:
             need = f"at most {high}" if value > low else f"at least {low}"
-            if not math.isfinite(value):
+            if isinstance(value, float) and not math.isfinite(value):
                 need = "a finite number"
             raise InputError(f"{flag}: need {need}, got {value!s:.40}")
     if isinstance(value, str):

@@ -84,7 +84,7 @@ WORKER = """
 let answers = %s;
 const usual = { last: false, width: 64, height: 48, corners: null, preset: null,
   synchronised: false, progress: 0, level: 120, clipped: 0, cut: false, explanation: "",
-  found: 0, slow: "",
+  found: 0, neededFps: 0,
   arrival: null };
 async function answered(last) {
   const answer = answers.length > 1 ? answers.shift() : answers[0];
