@@ -153,7 +153,7 @@ def read_stream(
     stream = new_stream()
     try:
         read_frames(stream, source.frames, args)
-        if stream.receiver.found == 0 and not source.live:
+        if stream.receiver.frames and not stream.receiver.found and not source.live:
             turned = new_stream()
             read_frames(turned, mirrored(open_source(args.input[0], *asked).frames, turned), args)
             if turned.receiver.found:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.errors import InputError
-from link.images import image_files, pixel_limit, read_image
+from link.images import IMAGE_SUFFIXES, image_files, pixel_limit, read_image
 from link.images.video import DEFAULT_FPS, VideoReader, check_fps
 from link.outside import is_file
 from receiver.cameras import SCHEMES, Camera
@@ -84,9 +84,9 @@ def open_source(
     Raises:
         InputError: nothing there, or nothing readable in it; also later, from ``frames``.
     """
-    for rate in (fps, camera_fps):
+    for flag, rate in (("fps", fps), ("camera_fps", camera_fps)):
         if rate is not None:
-            check_fps(rate)
+            check_fps(rate, flag)
     pixel_limit(max_megapixels)  # a wrong limit is no error of each image
     device = DEVICE.fullmatch(os.path.realpath(name)) if name.startswith("/dev/") else None
     number = device[1] if device else name
@@ -101,10 +101,16 @@ def open_source(
     if path.is_dir():
         return _folder(path, fps, max_megapixels)
     if name == "-" or (path.exists() and not is_file(path)):
-        raise InputError(f"{name}: pipes are not read; write the film to a file, and give its path")
+        raise InputError(
+            f"{name}: pipes and devices are not read; write the film to a file, and give its path"
+        )
     if not is_file(path):
         streams = f", or stream ({', '.join(SCHEMES)})" if address else ""
         raise InputError(f"{name}: no such folder, video file, camera number or device{streams}")
+    if path.suffix.lower() in IMAGE_SUFFIXES:
+        raise InputError(
+            f"{name}: one image is no film; give both images of a frame pair, or a film"
+        )
     return _video(path, fps, max_megapixels)
 
 

@@ -61,10 +61,12 @@ OPEN_OPTIONS = "OPENCV_FFMPEG_CAPTURE_OPTIONS"
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 
-def check_fps(fps: float) -> None:
+def check_fps(fps: float, parameter: str = "fps") -> None:
     """Raise a `ParameterError` where a camera's number of frames a second is out of its range."""
     if not MIN_FPS <= fps <= MAX_FPS:
-        raise ParameterError("fps", f"need {MIN_FPS:g} to {MAX_FPS:g} frames a second, got {fps:g}")
+        raise ParameterError(
+            parameter, f"need {MIN_FPS:g} to {MAX_FPS:g} frames a second, got {fps:g}"
+        )
 
 
 @dataclass(frozen=True)

@@ -161,6 +161,8 @@ REFUSED = [
     ("receive", "none", "no image in this folder"),
     ("receive", "text.mp4", "not a readable video"),
     ("receive film", "--key gone", "--key: gone: no such file"),
+    ("receive film", "--camera-fps 0", "--camera-fps: need 0.1 to 1000 frames a second, got 0"),
+    ("receive", "picture.png", "picture.png: one image is no film; give both"),
     ("receive film", "--key short", "--key: short: need 16 to 4096 random bytes"),
     ("receive film", "--max-age 5", "--max-age: only a message with a key has an age"),
     ("receive film", "--max-age 2000000", "--max-age: only a message with a key has an age"),

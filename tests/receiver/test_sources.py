@@ -186,8 +186,8 @@ def test_a_film_at_an_address_is_read_whole(tmp_path: Path) -> None:
 
 
 @cases(
-    ("-", "pipes are not read"),
-    ("/dev/null", "pipes are not read"),
+    ("-", "pipes and devices are not read"),
+    ("/dev/null", "pipes and devices are not read"),
     ("/dev/video9", "camera 9: cannot be opened"),
     ("gopher://host/x", "gopher://host/x: no such .* stream .http"),
     ("none", "none: no such folder, video file, camera number or device"),
