@@ -14,7 +14,7 @@ from typing import Any
 
 from link.cli import Parser, add_pixel_limit, check_flags, read_size, run_cli
 from link.code.authenticate import MAX_STAMP, read_key, sign
-from link.code.fine import MAX_MESSAGE, USUAL_REDUNDANCY
+from link.code.fine import MAX_MESSAGE
 from link.code.framing import encode, frames_needed
 from link.embed import check_kappa
 from link.errors import InputError, ParameterError, at_least
@@ -194,11 +194,9 @@ def send_parser() -> Parser:
     add("--modulation", choices=list(MODULATIONS), help="how bits change blocks")
     add("--pilots", help="share of blocks with known bits in place of patches, or auto")
     add("--layout", type=Path, help="JSON file with a layout, or sent.json, instead of these seven")
-    add = parser.add_argument_group("rates and coding, in place of the preset's").add_argument
+    add = parser.add_argument_group("rates, in place of the preset's").add_argument
     add("--hold", type=int, help="refreshes that a state stays, instead of the preset's rate")
     add("--refresh", type=float, default=USUAL_REFRESH, help="of the display, Hz (60)")
-    coded = f"coded bits a message bit, on fine grids ({USUAL_REDUNDANCY:g})"
-    add("--redundancy", type=float, help=coded)
     return parser
 
 
@@ -248,8 +246,8 @@ def main() -> None:
     pictures = open_pictures(args.pictures, state_hz, args.max_megapixels, args.seconds)
     protected = protected_message(message, args.key, args.counter)
     given = "message" if args.file is None else "file"
-    frames_needed(len(protected), layout.n_bits, given, args.redundancy)  # refuses what is too long
-    bits = encode(protected, layout.n_bits, args.redundancy, signed=args.key is not None)
+    frames_needed(len(protected), layout.n_bits, given)  # refuses what is too long
+    bits = encode(protected, layout.n_bits, signed=args.key is not None)
     fit = args.fit or ("cover" if args.size is None else "contain")
     even = preset.even if args.even is None else args.even
     even = even and layout.modulation == "antipodal"
