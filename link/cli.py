@@ -6,6 +6,7 @@ their own help.
 
 import dataclasses
 import io
+import math
 import os
 import re
 import sys
@@ -187,7 +188,10 @@ def _check_value(name: str, value: object) -> None:
         high = MAX_OF_FLAG.get(name.rpartition(".")[2], MAX_NUMBER)
         low = 0 if isinstance(value, int) else -high
         if not low <= value <= high:
-            raise InputError(f"{flag}: need {low} to {high}, got {value!s:.40}")
+            need = f"at most {high}" if value > low else f"at least {low}"
+            if isinstance(value, float) and not math.isfinite(value):
+                need = "a finite number"
+            raise InputError(f"{flag}: need {need}, got {value!s:.40}")
     if isinstance(value, str):
         try:
             value.encode()

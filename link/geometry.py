@@ -163,7 +163,8 @@ def as_corners(corners: ArrayLike) -> Corners:
     except (TypeError, ValueError):
         points = np.empty(0)
     if points.shape != (4, 2) or not np.isfinite(points).all():
-        raise InputError(f"corners: need four finite points x,y, got {corners!r:.200}")
+        told = " ".join(f"{corners!r:.200}".split())  # an array's lines as one
+        raise InputError(f"corners: need four finite points x,y, got {told}")
     return points
 
 

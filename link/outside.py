@@ -180,6 +180,8 @@ def read_bounded(file: Path, max_bytes: int) -> bytes:
     Raises:
         InputError: the file is missing, unreadable or larger.
     """
+    if is_no_file(file):
+        raise InputError(f"{file}: is a folder or a device; name a file")
     if not is_file(file):
         raise InputError(f"{file}: no such file; check the path")
     try:

@@ -8,7 +8,9 @@ Prints JSON lines: display, clock, pair, message, refused, end.
 import argparse
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -29,12 +31,20 @@ from receiver.events import Event, PlacedEvent
 from receiver.receiver import Receiver
 from receiver.seen import SeenFrame
 from receiver.show import draw_decoded_pair
-from receiver.sources import FPS_HELP, open_source
+from receiver.sources import FPS_HELP, CameraFrame, open_source
 from receiver.stream import EventStream, pair_event
 from receiver.tracking.two_images import find_in_both
 
 OF_FILMS = ("fps", "camera_size", "camera_fps", "show", "out", "keep_on", "key", "max_age")
 """Flags that have no meaning for two images."""
+MIRRORED_S = 4.0
+"""Seconds, from its beginning, of a film without a display that are looked through once more,
+mirrored."""
+MIRRORED = (
+    "note: the film is mirrored, as by a mirror or a front camera; corners are told as in a frame "
+    "that is mirrored back"
+)
+"""What is said of a film that is read mirrored."""
 KEPT_PICTURES = 50
 """Number of annotated pictures that are kept; later ones replace the oldest, so that an endless
 stream fits a disk."""
@@ -138,29 +148,50 @@ def read_stream(
     Raises:
         InputError: there is no message; says why.
     """
-    asked = args.camera_size, args.camera_fps
-    source = open_source(args.input[0], args.fps, args.max_megapixels, *asked)
-    stream = EventStream(decoders, source.fps, verifier, args.scores, film)
-    image: NDArray[np.uint8] | None = None
-    view: SeenFrame | None = None
-    shown = 0
+    asked = args.fps, args.max_megapixels, args.camera_size, args.camera_fps
+    source = open_source(args.input[0], *asked)
+    new_stream = partial(EventStream, decoders, source.fps, verifier, args.scores, film)
+    stream = new_stream()
     try:
-        for frame in source.frames:
-            image = frame.image
-            is_delivered = say(stream.push(image, frame.time, frame.name), args.out)
-            view = stream.step.tracked or view
-            shown = write_pictures(args.show, shown, stream, image, view)
-            if is_delivered and not args.keep_on:
-                break
-        else:
-            say(stream.finish(), args.out)
-            if image is not None:
-                write_pictures(args.show, shown, stream, image, view)
+        read_frames(stream, source.frames, args)
+        if stream.receiver.frames and not stream.receiver.found and not source.live:
+            turned = new_stream()
+            read_frames(turned, mirrored(open_source(args.input[0], *asked).frames, turned), args)
+            if turned.receiver.found:
+                print(MIRRORED, file=sys.stderr)
+                stream = turned
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
     say([stream.end()])
     if stream.inbox.last is None:
         raise InputError(stream.explanation)
+
+
+def mirrored(frames: Iterable[CameraFrame], stream: EventStream) -> Iterator[CameraFrame]:
+    """Mirror frames, until no display has been found in them for `MIRRORED_S`."""
+    for frame in frames:
+        if frame.time > MIRRORED_S and not stream.receiver.found:
+            return
+        yield replace(frame, image=np.ascontiguousarray(frame.image[:, ::-1]))
+
+
+def read_frames(
+    stream: EventStream, frames: Iterable[CameraFrame], args: argparse.Namespace
+) -> None:
+    """Read frames until the message is whole or frames end, and print what they bring."""
+    image: NDArray[np.uint8] | None = None
+    view: SeenFrame | None = None
+    shown = 0
+    for frame in frames:
+        image = frame.image
+        is_delivered = say(stream.push(image, frame.time, frame.name), args.out)
+        view = stream.step.tracked or view
+        shown = write_pictures(args.show, shown, stream, image, view)
+        if is_delivered and not args.keep_on:
+            return
+    say(stream.finish(), args.out)
+    if image is not None:
+        write_pictures(args.show, shown, stream, image, view)
 
 
 def say(events: Sequence[Event], out: Path | None = None) -> bool:

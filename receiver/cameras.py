@@ -126,7 +126,7 @@ class Camera:
         stated = capture.get(cv2.CAP_PROP_FPS)
         self.fps = float(stated) if 1 <= stated <= MAX_FPS else DEFAULT_FPS
         """Frames a second that it states, else `DEFAULT_FPS`."""
-        rate = f"{stated:g} frames a second" if stated > 0 else "a rate that it does not state"
+        rate = f"{stated:g} frames a second" if self.fps == stated else "at a rate not stated"
         print(f"{self._name}: {width}x{height}, {rate}", file=sys.stderr)
 
     def frames(self) -> Iterator[LiveFrame]:

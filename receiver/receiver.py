@@ -285,7 +285,8 @@ def as_uint8(image: NDArray[np.generic]) -> Image:
     if array.ndim == 3 and array.shape[2] == 1:
         array = array[:, :, 0]
     if array.ndim not in (2, 3) or array.shape[2:] not in ((), (3,)) or min(array.shape[:2]) < 16:
-        raise InputError(f"frames must be (H, W) or (H, W, 3) of 16 px or more, got {array.shape}")
+        given = array.shape if isinstance(image, np.ndarray) else type(image).__name__
+        raise InputError(f"frames must be (H, W) or (H, W, 3) of 16 px or more, got {given}")
     if array.dtype == np.uint16:
         return np.asarray((array.astype(np.uint32) + 128) // 257, np.uint8)
     if array.dtype != np.uint8:

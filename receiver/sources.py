@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.errors import InputError
-from link.images import image_files, pixel_limit
+from link.images import IMAGE_SUFFIXES, image_files, pixel_limit
 from link.images.files import read_image
 from link.images.video import DEFAULT_FPS, VideoReader, check_fps
 from link.outside import is_file
@@ -58,6 +58,8 @@ class FrameSource:
     """The frames, in order; they can be taken once."""
     fps: float
     """Nominal number of frames a second."""
+    live: bool = False
+    """Whether they come from a camera or a stream, so that none comes twice."""
 
 
 def open_source(
@@ -83,27 +85,33 @@ def open_source(
     Raises:
         InputError: nothing there, or nothing readable in it; also later, from ``frames``.
     """
-    for rate in (fps, camera_fps):
+    for flag, rate in (("fps", fps), ("camera_fps", camera_fps)):
         if rate is not None:
-            check_fps(rate)
+            check_fps(rate, flag)
     pixel_limit(max_megapixels)  # a wrong limit is no error of each image
     device = DEVICE.fullmatch(os.path.realpath(name)) if name.startswith("/dev/") else None
     number = device[1] if device else name
     if number.isascii() and number.isdigit() and len(number) <= MAX_CAMERA_DIGITS:
         camera = Camera(int(number), camera_size, camera_fps, max_megapixels)
-        return FrameSource(_live(camera), fps or camera.fps)
+        return FrameSource(_live(camera), fps or camera.fps, live=True)
     address = ADDRESS.fullmatch(name)
     if address is not None and address[1].lower() in SCHEMES:
         camera = Camera(name, max_megapixels=max_megapixels)
-        return FrameSource(_live(camera), fps or camera.fps)
+        return FrameSource(_live(camera), fps or camera.fps, live=True)
     path = Path(name)
     if path.is_dir():
         return _folder(path, fps, max_megapixels)
     if name == "-" or (path.exists() and not is_file(path)):
-        raise InputError(f"{name}: pipes are not read; write the film to a file, and give its path")
+        raise InputError(
+            f"{name}: pipes and devices are not read; write the film to a file, and give its path"
+        )
     if not is_file(path):
         streams = f", or stream ({', '.join(SCHEMES)})" if address else ""
         raise InputError(f"{name}: no such folder, video file, camera number or device{streams}")
+    if path.suffix.lower() in IMAGE_SUFFIXES:
+        raise InputError(
+            f"{name}: one image is no film; give both images of a frame pair, or a film"
+        )
     return _video(path, fps, max_megapixels)
 
 

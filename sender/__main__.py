@@ -14,7 +14,7 @@ from typing import Any
 
 from link.cli import Parser, add_pixel_limit, check_flags, read_size, run_cli
 from link.code.authenticate import MAX_STAMP, read_key, sign
-from link.code.fine import MAX_MESSAGE, USUAL_REDUNDANCY
+from link.code.fine import MAX_MESSAGE
 from link.code.framing import encode, frames_needed
 from link.embed import check_kappa
 from link.errors import InputError, ParameterError, at_least
@@ -25,6 +25,7 @@ from link.outside import read_bounded
 from link.placement import FITS
 from link.presets import DEFAULT_PRESET, PRESETS, Preset, least_camera_fps, needed_camera_fps
 from sender.bench import SECONDS, write_bench
+from sender.carrying import CARRIED, DARK, DIM, carried_share
 from sender.hiding import Hiding, Onlooker
 from sender.pictures import is_film, note_coarse, open_pictures
 from sender.player import PLAYED
@@ -126,7 +127,9 @@ def states_per_second(usual: float, hold: int | None, refresh: float, kind: str)
     if hold is not None:
         at_least(1, hold=hold)
     wanted = usual if hold is None else refresh / hold
-    if not (0.1 <= wanted <= 1000 and refresh >= 0.1):
+    if not refresh >= 0.1:
+        raise ParameterError("refresh", f"need 0.1 or more a second, got {refresh:g}")
+    if not 0.1 <= wanted <= 1000:
         raise InputError(f"--refresh, --hold: need 0.1 to 1000 a second, got {wanted:g}")
     if kind != ".html" or hold is not None:
         return wanted
@@ -191,11 +194,9 @@ def send_parser() -> Parser:
     add("--modulation", choices=list(MODULATIONS), help="how bits change blocks")
     add("--pilots", help="share of blocks with known bits in place of patches, or auto")
     add("--layout", type=Path, help="JSON file with a layout, or sent.json, instead of these seven")
-    add = parser.add_argument_group("rates and coding, in place of the preset's").add_argument
+    add = parser.add_argument_group("rates, in place of the preset's").add_argument
     add("--hold", type=int, help="refreshes that a state stays, instead of the preset's rate")
     add("--refresh", type=float, default=USUAL_REFRESH, help="of the display, Hz (60)")
-    coded = f"coded bits a message bit, on fine grids ({USUAL_REDUNDANCY:g})"
-    add("--redundancy", type=float, help=coded)
     return parser
 
 
@@ -225,7 +226,8 @@ def main() -> None:
 
     Prints one line of JSON: size and capacity of the loop, time, bit/s, PSNR, SSIM, by how much the
     picture's mean over time changed (CIEDE2000), the preset, and how visible the message is to the
-    eye, as contrast over threshold (docs/visibility.md).
+    eye, as contrast over threshold (docs/visibility.md), and of a still picture which share of the
+    bits is expected to come through.
     """
     args = check_flags(send_parser().parse_args())
     kind = output_kind(args.out)
@@ -244,8 +246,8 @@ def main() -> None:
     pictures = open_pictures(args.pictures, state_hz, args.max_megapixels, args.seconds)
     protected = protected_message(message, args.key, args.counter)
     given = "message" if args.file is None else "file"
-    frames_needed(len(protected), layout.n_bits, given, args.redundancy)  # refuses what is too long
-    bits = encode(protected, layout.n_bits, args.redundancy, signed=args.key is not None)
+    frames_needed(len(protected), layout.n_bits, given)  # refuses what is too long
+    bits = encode(protected, layout.n_bits, signed=args.key is not None)
     fit = args.fit or ("cover" if args.size is None else "contain")
     even = preset.even if args.even is None else args.even
     even = even and layout.modulation == "antipodal"
@@ -268,10 +270,19 @@ def main() -> None:
         "visibility_block": round(hiding.seen(loop.kappa), 3),
         "visibility_screen": round(hiding.seen(loop.kappa, "screen"), 3),
     }
+    carried = None
+    usual = (layout, loop.kappa, even) == (preset.layout, preset.kappa, preset.even)
+    if args.preset in CARRIED and usual and not moving:
+        carried = carried_share(next(loop.carriers()).picture, args.preset)
+        more["carried_share"] = round(carried, 3)
+        expected = carried * layout.n_bits * state_hz / 2
+        more["expected_bit_per_s"] = round(expected, 2)
     film = args.pictures if moving else None
     report = write_loop(loop, args.out, len(message), state_hz, film, flickers=flickers, more=more)
     print(json.dumps({"out": str(args.out), **report}))
     better = BETTER.format(better_fps) if better_fps > camera_fps else ""
+    if carried is not None and carried < DIM:
+        print(DARK.format(carried, expected), file=sys.stderr)
     print(NEEDED.format(state_hz, camera_fps, better), file=sys.stderr)
     if flicker:
         print(FLICKER[flicker].format(hiding.seen(loop.kappa)), file=sys.stderr)

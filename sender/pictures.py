@@ -1,5 +1,6 @@
 """The pictures that carry the message: one image, a folder of images, or a video."""
 
+import mimetypes
 import sys
 from collections.abc import Iterator
 from functools import partial
@@ -13,7 +14,7 @@ from PIL import Image, ImageCms
 
 from link.errors import InputError, ParameterError
 from link.images import IMAGE_SUFFIXES, image_files
-from link.images.files import Picture, read_picture
+from link.images.files import Picture, is_picture, read_picture
 from link.images.video import VideoReader
 from link.loop import Pictures
 from link.outside import is_file
@@ -28,8 +29,16 @@ COARSE = 2.0
 
 
 def is_film(source: Path) -> bool:
-    """Tell whether what `open_pictures` opens is a video, which has a picture for each state."""
-    return not source.is_dir() and source.suffix.lower() not in IMAGE_SUFFIXES
+    """Tell whether what `open_pictures` opens is a video, which has a picture for each state.
+
+    A file whose name does not say so is a picture where its first bytes are those of one.
+    """
+    if source.is_dir() or source.suffix.lower() in IMAGE_SUFFIXES:
+        return False
+    kind, _ = mimetypes.guess_type(source.name)
+    if source.suffix and not (kind or "").startswith("image/"):
+        return True
+    return not is_picture(source)
 
 
 def open_pictures(

@@ -45,8 +45,8 @@ follows the frames' numbers for a second or two until it is sure of them, and th
 round before."""
 MAX_CODED = 2**25
 """Largest number of coded bits in a loop, which bounds the receiver's memory."""
-MIN_REDUNDANCY, USUAL_REDUNDANCY, MAX_REDUNDANCY = 1.2, 8.0, 16.0
-"""Smallest, usual and largest number of coded bits in a loop for each bit of information. With the
+MIN_REDUNDANCY, USUAL_REDUNDANCY = 1.2, 8.0
+"""Smallest and usual number of coded bits in a loop for each bit of information. With the
 usual one a loop comes round only once a receiver has got more than most channels need: from then on
 frames bring nothing new where bits were sure, and little where nothing can be read."""
 PIECES = 6
@@ -203,25 +203,21 @@ class Shape:
         return np.asarray(white, np.uint8)
 
 
-def encode_fine(
-    message: bytes, n_bits: int, redundancy: float | None = None, signed: bool = False
-) -> NDArray[np.uint8]:
+def encode_fine(message: bytes, n_bits: int, signed: bool = False) -> NDArray[np.uint8]:
     """Turn a message into the bits of the loop that carries it.
 
     Args:
         message: 1 to `MAX_MESSAGE` bytes.
         n_bits: message blocks of a frame.
-        redundancy: coded bits for each bit of information; None for `USUAL_REDUNDANCY`, or less
-            where that would make too long a loop, or more where it would be too short.
         signed: whether the message ends with stamp and tag, which the loop then says.
 
     Returns:
         (frames, n_bits) uint8, 0 or 1, row-major over the message cells.
 
     Raises:
-        InputError: the message is empty or too long, or the redundancy is out of range.
+        InputError: the message is empty or too long.
     """
-    frames = fine_frames(len(message), n_bits, redundancy)
+    frames = fine_frames(len(message), n_bits)
     terms = Terms(len(message), frames, mark_of(message))
     shape, pieces = Shape.of(n_bits), all_words()[terms.pieces()]
     coded = coded_bits(Content(message, signed), terms, n_bits)
@@ -272,42 +268,32 @@ def number_likelihoods(scores: Floats) -> Floats:
     return np.asarray(weigh_words(clear[None])[0], np.float32)
 
 
-def fine_frames(
-    n_bytes: int, n_bits: int, redundancy: float | None = None, name: str = "message"
-) -> int:
-    """Count the frames of the loop that carries a message; `encode_fine` says the rest.
+def fine_frames(n_bytes: int, n_bits: int, name: str = "message") -> int:
+    """Count the frames of the loop that carries a message.
+
+    It has `USUAL_REDUNDANCY` coded bits for each bit of information, or less where that would make
+    too long a loop, or more where it would be too short.
 
     Args:
         n_bytes: length of the message.
         n_bits: message blocks of a frame.
-        redundancy: coded bits for each bit of information; None for `USUAL_REDUNDANCY`, or less
-            where that would make too long a loop, or more where it would be too short.
         name: the parameter that errors about the length name, or the flag of a command.
 
     Raises:
-        InputError: the message is empty or too long, or the redundancy is out of range.
+        InputError: the message is empty or too long.
     """
-    if redundancy is not None and not MIN_REDUNDANCY <= redundancy <= MAX_REDUNDANCY:
-        raise ParameterError(
-            "redundancy", f"need {MIN_REDUNDANCY:g} to {MAX_REDUNDANCY:g}, got {redundancy:g}"
-        )
     if n_bytes < 1:
         raise ParameterError(name, "empty; give at least one byte")
-    least = MIN_REDUNDANCY if redundancy is None else redundancy
-    longest = fine_capacity(MAX_FRAMES, n_bits, least)
+    longest = fine_capacity(MAX_FRAMES, n_bits, MIN_REDUNDANCY)
     if n_bytes > longest:
         raise ParameterError(
             name,
-            f"{n_bytes} bytes, a loop with {n_bits} bits a frame and redundancy {least:g} "
-            f"carries {longest}; shorten it, use a finer grid or less redundancy",
+            f"{n_bytes} bytes, a loop with {n_bits} bits a frame carries {longest}; shorten it, or "
+            "use a finer grid",
         )
     body = Shape.of(n_bits).body
-    most = min(MAX_FRAMES, MAX_CODED // body)
-    wanted, fewest = (
-        (USUAL_REDUNDANCY, USUAL_FRAMES) if redundancy is None else (redundancy, MIN_FRAMES)
-    )
-    coded = wanted * Terms(n_bytes, MIN_FRAMES, 0).information
-    return min(max(fewest, math.ceil(coded / body)), most)
+    coded = USUAL_REDUNDANCY * Terms(n_bytes, MIN_FRAMES, 0).information
+    return min(max(USUAL_FRAMES, math.ceil(coded / body)), MAX_FRAMES, MAX_CODED // body)
 
 
 def fine_capacity(frames: int, n_bits: int, redundancy: float = USUAL_REDUNDANCY) -> int:

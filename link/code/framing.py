@@ -100,31 +100,20 @@ def longest_message(n_bits: int) -> int:
     return min(SIGNED - 1, capacity(MAX_FRAMES, n_bits))
 
 
-def frames_needed(
-    n_bytes: int, n_bits: int, name: str = "message", redundancy: float | None = None
-) -> int:
+def frames_needed(n_bytes: int, n_bits: int, name: str = "message") -> int:
     """Count the frames of the loop that carries a message, which is the shortest on coarse grids.
 
     Args:
         n_bytes: length of the message.
         n_bits: message blocks of a frame.
         name: the parameter that the error names, or the flag of a command.
-        redundancy: coded bits for each bit of information, on fine grids alone; None for what is
-            usual.
 
     Raises:
-        InputError: the message is empty or too long, the layout has too few message blocks, or the
-            redundancy is out of range, or given on a coarse grid.
+        InputError: the message is empty or too long, or the layout has too few message blocks.
     """
     if is_fine(n_bits):
-        return fine_frames(n_bytes, n_bits, redundancy, name)
+        return fine_frames(n_bytes, n_bits, name)
     check_bits(n_bits)
-    if redundancy is not None:
-        raise ParameterError(
-            "redundancy",
-            f"a frame of {n_bits} message blocks has a code of fixed rate; leave it out, or use a "
-            f"grid of {FINE_BITS} message blocks or more",
-        )
     if n_bytes < 1:
         raise ParameterError(name, "empty; give at least one byte")
     longest = longest_message(n_bits)
@@ -188,32 +177,27 @@ def parity_mask(frames: int, n_bits: int) -> NDArray[np.bool_]:
     return np.concatenate([np.zeros((frames, SIGNATURE), bool), parity], axis=1)
 
 
-def encode(
-    message: bytes, n_bits: int, redundancy: float | None = None, signed: bool = False
-) -> NDArray[np.uint8]:
+def encode(message: bytes, n_bits: int, signed: bool = False) -> NDArray[np.uint8]:
     """Turn a message into the bits of the loop that carries it.
 
     Args:
         message: at least 1 byte, and at most as many as `longest_message` says.
         n_bits: message blocks of a frame.
-        redundancy: coded bits for each bit of information, on fine grids alone; None for what is
-            usual.
         signed: whether the message ends with stamp and tag, which the loop then says.
 
     Returns:
         (frames, n_bits) uint8, 0 or 1, row-major over the message cells.
 
     Raises:
-        InputError: the message is empty or too long, the layout has too few message blocks, or the
-            redundancy is out of range, or given on a coarse grid.
+        InputError: the message is empty or too long, or the layout has too few message blocks.
 
     >>> bits = encode(b"Hello", n_bits=59)
     >>> bits.shape
     (4, 59)
     """
     if is_fine(n_bits):
-        return encode_fine(message, n_bits, redundancy, signed)
-    frames = frames_needed(len(message), n_bits, redundancy=redundancy)
+        return encode_fine(message, n_bits, signed)
+    frames = frames_needed(len(message), n_bits)
     room = information_bytes(frames, n_bits) - CRC_BYTES
     length = len(message) | SIGNED * signed
     data = (length.to_bytes(LENGTH_BYTES, "big") + message).ljust(room, b"\0")

@@ -102,6 +102,15 @@ def read_picture(path: Path | str, max_megapixels: float | None = None) -> Pictu
     return Picture(rgb, see_through, profile)
 
 
+def is_picture(path: Path) -> bool:
+    """Whether a file begins as one of the kinds of images do that are read."""
+    try:
+        with catch_warnings(action="ignore"), Image.open(path, formats=KINDS):
+            return True
+    except Exception:
+        return False
+
+
 def _check_scans(path: Path, compressed: bytes) -> None:
     """Refuse a JPEG file that would keep its decoder busy, from the bytes behind its header."""
     if compressed.count(START_OF_SCAN, 0, compressed.find(END_OF_IMAGE)) >= MAX_SCANS:

@@ -61,10 +61,12 @@ OPEN_OPTIONS = "OPENCV_FFMPEG_CAPTURE_OPTIONS"
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 
-def check_fps(fps: float) -> None:
+def check_fps(fps: float, parameter: str = "fps") -> None:
     """Raise a `ParameterError` where a camera's number of frames a second is out of its range."""
     if not MIN_FPS <= fps <= MAX_FPS:
-        raise ParameterError("fps", f"need {MIN_FPS:g} to {MAX_FPS:g} frames a second, got {fps:g}")
+        raise ParameterError(
+            parameter, f"need {MIN_FPS:g} to {MAX_FPS:g} frames a second, got {fps:g}"
+        )
 
 
 @dataclass(frozen=True)
@@ -125,8 +127,8 @@ class VideoReader:
         self._video = _open_capture(self.path)
         if not self._video.isOpened():
             raise InputError(
-                f"{path}: not a readable video; it may be cut off or of a kind that OpenCV cannot "
-                "read"
+                f"{path}: not a readable video, and no PNG, JPEG, TIFF, BMP or WebP file; it may "
+                "be cut off, or of a kind that OpenCV cannot read"
             )
         width, height = (
             int(self._video.get(side))
@@ -254,9 +256,14 @@ def _open_capture(path: Path) -> cv2.VideoCapture:
 def _as_file(path: Path) -> str:
     """Name a file for FFmpeg, which takes what stands before a colon for a protocol.
 
-    OpenCV takes bytes, too, and crashes on text that is not UTF-8.
+    OpenCV crashes on text that is not UTF-8, but takes bytes in its place since 4.12.
     """
-    return cast(str, os.fsencode(os.path.abspath(path)))
+    name = os.path.abspath(path)
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        return cast(str, os.fsencode(name))
+    return name
 
 
 def next_frame(capture: cv2.VideoCapture) -> NDArray[np.uint8] | None:

@@ -194,7 +194,7 @@ def test_names_and_texts_that_cannot_be(
 @cases(
     ("x", "unknown study 'x'; choose one of: "),
     ("rates --jobs 0", "--jobs: need at least 1"),
-    ("rates --seed -1", "--seed: need 0 to"),
+    ("rates --seed -1", "--seed: need at least 0"),
     ("rates --views 1000000", "--views: need an angle"),
     ("rates --n-bytes 100000", "--n-bytes: 100000 bytes"),
     ("rates --n-bytes 0", "--n-bytes: need at least 1"),

@@ -113,7 +113,7 @@ def test_training_again_into_the_same_folder_evaluates_the_new_decoder(
     ("--max-view -1", "--max-view: need at least 0 degrees, got -1"),
     ("--max-view 400", "--max-view: need an angle within"),
     ("--lr 0", "--lr: need more than 0 and less than 10, got 0"),
-    ("--lr nan", "--lr: need -1000000 to 1000000, got nan"),
+    ("--lr nan", "--lr: need a finite number, got nan"),
     ("--batch 0", "--batch: need at least 1, got 0"),
     ("--decoder.refine 2", "--start: the shipped decoder has other parts; choose constants"),
 )

@@ -65,7 +65,7 @@ def test_the_films_of_plain_cameras_stay_as_they_were() -> None:
     frames = stream(replace(SHORT, scene=replace(ROOM, room=None)), get_pair("canon-lg"), seed=7)
     assert len(frames) == 9
     found = [(frame.rgb.mean(), *frame.H_captured_from_display[:2, 2]) for frame in frames[::4]]
-    np.testing.assert_allclose(found, GOLDEN, rtol=0, atol=2e-3)
+    np.testing.assert_allclose(found, GOLDEN, rtol=0, atol=0.01)  # lowest versions: 0.006 off
 
 
 GOLDEN = [(133.0632, 16.7917, 11.6125), (132.9866, 16.8033, 11.432), (133.0157, 16.7774, 11.3309)]

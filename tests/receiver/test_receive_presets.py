@@ -247,6 +247,20 @@ def test_the_command_says_which_preset_is_shown(tmp_path: Path, command: Command
     assert len(pair["bits"]) == len(pair["scores"]) == ROBUST.n_bits
 
 
+@pytest.mark.slow
+@cases("film.avi", "frames")
+def test_a_mirrored_film_is_read_and_said(name: str, tmp_path: Path, command: Command) -> None:
+    images = [image[:, ::-1] for image in robust_film(40)[0]]
+    if name == "frames":
+        for number, image in enumerate(images):
+            write_image(tmp_path / name / f"{number:03d}.png", image)
+    else:
+        write_film(tmp_path / name, images, codec="FFV1")
+    done = command(receive_cli.main, tmp_path / name)
+    assert done.stderr.startswith("note: the film is mirrored")
+    assert TEXT.decode() in [each.get("text") for each in events_of(done.stdout)]
+
+
 def test_presets_are_named_by_their_layouts() -> None:
     assert {name: preset_name(preset.layout) for name, preset in PRESETS.items()} == {
         name: name for name in PRESETS

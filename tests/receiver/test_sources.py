@@ -186,8 +186,8 @@ def test_a_film_at_an_address_is_read_whole(tmp_path: Path) -> None:
 
 
 @cases(
-    ("-", "pipes are not read"),
-    ("/dev/null", "pipes are not read"),
+    ("-", "pipes and devices are not read"),
+    ("/dev/null", "pipes and devices are not read"),
     ("/dev/video9", "camera 9: cannot be opened"),
     ("gopher://host/x", "gopher://host/x: no such .* stream .http"),
     ("none", "none: no such folder, video file, camera number or device"),
@@ -213,7 +213,7 @@ def test_a_file_that_leads_to_others_is_no_video(name: str, content: str, tmp_pa
 def test_a_name_of_images_in_order_is_the_name_of_one_file(tmp_path: Path) -> None:
     for name in ("%03d.png", "000.png", "001.png"):
         write_image(tmp_path / name, np.zeros((48, 64, 3), np.uint8))
-    with pytest.raises(InputError, match="not a readable video"):
+    with pytest.raises(InputError, match="one image is no film"):
         open_source(str(tmp_path / "%03d.png"))
 
 

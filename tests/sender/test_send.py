@@ -134,7 +134,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def notes(done: Finished) -> list[str]:
     """What is said on stderr, but of flicker, and that the pictures of these tests are small."""
-    usual = ("looks coarse", "the flicker is plain to see", "the blocks flash")
+    usual = ("looks coarse", "picture is dark", "the flicker is plain to see", "the blocks flash")
     return [line for line in done.stderr.splitlines() if not any(map(line.__contains__, usual))]
 
 
@@ -455,10 +455,11 @@ def test_what_is_transparent_is_white_and_told_once(
     "picture", [*turned_pictures(), *profiled_pictures()], ids=lambda picture: picture.name
 )
 def test_pictures_are_shown_as_a_viewer_shows_them(picture: Picture, tmp_path: Path) -> None:
-    (tmp_path / picture.name).write_bytes(picture.data)
-    shown = next(open_pictures(tmp_path / picture.name, 10)())
-    assert shown.shape == picture.shown.shape
-    assert abs(shown.astype(int) - picture.shown).max() <= picture.tolerance
+    for name in ("without an ending", picture.name):
+        (tmp_path / name).write_bytes(picture.data)
+        shown = next(open_pictures(tmp_path / name, 10)())
+        assert shown.shape == picture.shown.shape
+        assert abs(shown.astype(int) - picture.shown).max() <= picture.tolerance
 
 
 @cases(
@@ -603,6 +604,21 @@ def test_the_largest_kappa_below_a_visibility_is_taken(tmp_path: Path, send: Sen
     assert hiding.seen(kappa + 1) > limit
     same = send(tmp_path / "b", *SHOWN, "--kappa", kappa)
     assert {**same, "out": said["out"]} == said
+
+
+@cases(("hidden", 16, 0.55, True), ("hidden", 90, 0.97, False), ("robust", 20, 1.0, False))
+def test_what_a_picture_carries_is_said(
+    preset: str, level: int, share: float, dark: bool, tmp_path: Path, command: Command
+) -> None:
+    write_image(tmp_path / "a.png", np.full((96, 128, 3), level, np.uint8))
+    words = (tmp_path / "a.png", "--message", "hi", "--preset", preset, "--out")
+    done = command(send_cli.main, *words, tmp_path / "a.html")
+    said = report(done)
+    assert said["carried_share"] == pytest.approx(share, abs=0.03)
+    assert said["expected_bit_per_s"] == pytest.approx(share * said["bound_bit_per_s"], rel=0.06)
+    assert ("the picture is dark" in done.stderr) == dark
+    done = command(send_cli.main, *words, tmp_path / "b.html", "--kappa", 5)
+    assert "carried_share" not in report(done)  # which is known of the preset's change alone
 
 
 @cases(("hidden", 1, ""), ("robust", 3, "seen"), ("paper", 3, "seen"), ("paper", 40, "flashes"))

@@ -39,6 +39,7 @@ def package(node: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 REFUSED = """
 import { load, InputError, Receiver } from "oorc-receiver";
+import { LiveReceiver } from "oorc-receiver/live.js";
 const [W, H] = [64, 48];
 const data = Uint8Array.from({ length: W * H }, (_, i) => (i * 7919) % 251);
 const good = { width: W, height: H, data };
@@ -88,6 +89,18 @@ for (const task of ["finish", "push"]) {
 }
 const taken = [1, 1.5, 4].map((size) => new Uint8ClampedArray(size * W * H));
 for (const data of taken) await tell(() => push({ ...good, data }));
+told.push("|");
+const worker = { postMessage: (data) => self.onmessage({ data }), terminate: () => {} };
+globalThis.self = { postMessage: (data) => setTimeout(() => worker.onmessage({ data })) };
+await import("./node_modules/oorc-receiver/worker.js");
+const events = [];
+const live = new LiveReceiver(30, (event) => events.push(event.event), { worker });
+live.push(good, 0);
+const early = live.explanation(); // is asked for while the frame is read
+await live.finish();
+told.push((await early).length > 9, (await live.explanation()).length > 9, ...events);
+await tell(() => live.push(good, 1));
+await tell(() => live.finish());
 console.log(JSON.stringify(told));
 """
 
@@ -106,6 +119,9 @@ def test_all_that_is_wrong_is_refused_at_the_door_with_a_code(package: Path) -> 
         "|",
         *["finished"] * 2,
         *["none"] * 3,
+        "|",
+        *[True, True, "end"],
+        *["finished"] * 2,
     ]
 
 

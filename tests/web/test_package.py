@@ -162,7 +162,10 @@ def finished() -> None:
     (finished, "finished", "make a new one"),
     (lambda: luma(np.zeros((40, 40), np.uint8)), "frame", "planes"),
     (lambda: read_pair(GRAY, GRAY, corners=np.eye(4, 2)), "argument", "name the"),
-    (lambda: read_pair(GRAY, GRAY, corners="abc", model="robust"), "argument", "corners"),
+    *[
+        (lambda at=at: read_pair(GRAY, GRAY, corners=at, model="robust"), "argument", "corners")
+        for at in ("abc", np.full((4, 2), np.nan))
+    ],
     (lambda: read_pair(GRAY, GRAY[:20], model="robust"), "frame", "size"),
     (lambda: hidden_states(GRAY, "text"), "argument", "give bytes"),
     (lambda: hidden_states(GRAY, b""), "argument", "empty"),
@@ -201,6 +204,8 @@ def test_states_of_the_package_are_read_beside_a_camera_that_never_waits() -> No
     assert reader.explanation.startswith(f"a message of {len(TEXT)} bytes came")
     with pytest.raises(InputError, match="finished"):
         reader.finish()
+    with pytest.raises(InputError, match="finished"):
+        reader.push(states[0], 2)
 
 
 @cases(exhaustive(None), slow(KEY), exhaustive(bytes(32)), ids=["no key", "key", "wrong key"])

@@ -85,7 +85,7 @@ WORKER = """
 let answers = %s;
 const usual = { last: false, width: 64, height: 48, corners: null, preset: null,
   synchronised: false, progress: 0, level: 120, clipped: 0, cut: false, explanation: "",
-  found: 0, slow: "",
+  found: 0, neededFps: 0,
   arrival: null };
 async function answered(last) {
   const answer = answers.length > 1 ? answers.shift() : answers[0];
@@ -435,6 +435,7 @@ def test_a_film_without_a_display_is_said_to_have_none(reader, tmp_path) -> None
     reader.locator("#film").set_input_files(tmp_path / "wall.mkv")
     wait_for(reader, lambda: text_of(reader, "status") == "No display found in this film")
     assert "Fit the whole display into the frame" in text_of(reader, "advice")
+    assert "mirrored" in text_of(reader, "advice")
     assert text_of(reader, "message") == ""
 
 

@@ -32,6 +32,7 @@ from link.types import Image
 from models.film.window import reads_films
 from receiver.decoders import open_decoders
 from receiver.stream import EventStream
+from sender.carrying import carried_share
 from sender.player import write_film_player, write_player
 from web.host.demo import MESSAGE
 from web.host.site import WEB
@@ -345,7 +346,18 @@ def animated_gif() -> bytes:
 
 @pytest.mark.slow
 def test_what_is_special_about_a_picture_is_said_or_done(sender: Page, tmp_path: Path) -> None:
-    """Animations and small pictures are said; Display P3 becomes sRGB."""
+    """Animations, small and dark pictures are said; Display P3 becomes sRGB."""
+    dark = picture() // 12
+    bmp = cv2.imencode(".bmp", dark[:, :, ::-1])[1].tobytes()
+    sender.set_input_files("#picture", given_file("d.bmp", bmp, "image/bmp"))
+    wait_for(sender, lambda: "This picture is dark" in text_of(sender, "cost"))
+    share, hidden = carried_share(dark, "hidden"), PRESETS["hidden"]
+    found = re.search(r"about ([\d,]+) bits a second", text_of(sender, "numbers"))
+    assert found is not None
+    rate = int(found[1].replace(",", "")) / (hidden.layout.n_bits * hidden.state_hz / 2)
+    assert rate == pytest.approx(share, abs=0.05)  # each browser shrinks pictures in its way
+    sender.select_option("#preset", "robust")
+    assert "This picture is dark" not in text_of(sender, "cost")
     sender.set_input_files("#picture", given_file("a.gif", animated_gif(), "image/gif"))
     said = "Only the first picture of this animation is shown. This picture is small"
     wait_for(sender, lambda: text_of(sender, "status").startswith(said))

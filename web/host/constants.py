@@ -33,6 +33,7 @@ SHARED = [
         "models/film/window",
         "models/pairwise",
         "receiver/**/*",
+        "sender/carrying",
         "sender/compact",
         "sender/pictures",
         "web/host/tables",

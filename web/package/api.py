@@ -8,7 +8,9 @@ with what is given raises `InputError`, whose ``code`` says in a word what is wr
 """
 
 try:
-    import cv2  # noqa: F401 - pip cannot say that opencv-python serves as well as the headless one
+    # pip cannot say that opencv-python serves as well as the headless one; where one of both was
+    # taken away again, cv2 is there, and empty
+    from cv2 import imdecode  # noqa: F401
 except ImportError:
     raise ImportError(
         "oorc_receiver needs OpenCV: pip install opencv-python-headless, or opencv-python where "
@@ -142,7 +144,7 @@ class Receiver:
             InputError: ``frame``: not an image; ``time``: not finite, does not rise, or is in
                 another unit; ``finished``: after `finish`; ``failed``: a model failed to run.
         """
-        self._check_open()
+        self.check_open()
         with _coded("time"):
             _number("time", time)
             if not time > self._time:
@@ -169,12 +171,13 @@ class Receiver:
         Raises:
             InputError: ``finished``: it was called before; ``failed``: a model failed to run.
         """
-        self._check_open()
+        self.check_open()
         self._finished = True
         with _coded("failed"):
             return [*self._stream.finish(), self._stream.end()]
 
-    def _check_open(self) -> None:
+    def check_open(self) -> None:
+        """Raise an `InputError`, ``finished``, after `finish`."""
         with _coded("finished"):
             if self._finished:
                 raise InputError("this receiver has finished; make a new one for other frames")
@@ -224,9 +227,10 @@ class LiveReceiver:
         The frame must not be changed afterwards.
 
         Raises:
-            InputError: that of an earlier frame.
+            InputError: that of an earlier frame; ``finished``: after `finish`.
         """
         self._raise()
+        self._receiver.check_open()
         self._waiting.put((frame, time))
 
     def finish(self) -> None:

@@ -134,8 +134,17 @@ export class Receiver {
     this.#period = 1 / fps;
   }
 
-  /** What was seen so far, and why no message came, in one line. @returns {string} */
+  /**
+   * The message's length, or what was seen so far and why none came, in one line.
+   *
+   * @returns {string}
+   */
   get explanation() {
+    const { last } = this.#inbox;
+    if (last) {
+      const times = `${this.#receiver.decoded} frame pairs of ${this.#receiver.frames} camera frames`;
+      return `a message of ${last.data.length} bytes came, after ${times}`;
+    }
     return explainSilence({ ...this.#receiver.observations, refused: this.#inbox.refused });
   }
 
@@ -211,7 +220,7 @@ export class Receiver {
   /** @param {number} time */
   #checkTime(time) {
     if (typeof time !== "number" || !Number.isFinite(time)) {
-      throw new InputError("time", `time: need a finite number of seconds, got ${String(time)}`);
+      throw new InputError("time", `time: need a finite number of seconds, got ${told(time)}`);
     }
     if (!(time > this.#time)) {
       throw new InputError("time", `time: must rise, got ${time} s after ${this.#time} s`);
@@ -244,7 +253,12 @@ export class Receiver {
 function checkNumber(name, value, least, most) {
   if (typeof value === "number" && value >= least && value <= most) return;
   const range = most === Infinity ? `a number above ${least}` : `a number from ${least} to ${most}`;
-  throw new InputError("argument", `${name}: need ${range}, got ${String(value)}`);
+  throw new InputError("argument", `${name}: need ${range}, got ${told(value)}`);
+}
+
+/** @param {unknown} value @returns {string} how it is told, so that "1" is not 1 */
+function told(value) {
+  return typeof value === "string" ? JSON.stringify(value) : String(value);
 }
 
 /** @param {Frame} frame */
@@ -256,7 +270,8 @@ async function planeOf(frame) {
   const { width, height, data } = frame;
   const pixels = width * height;
   if (![width, height].every((side) => Number.isInteger(side) && side >= images.MIN_SIDE_PX)) {
-    throw new Error(`a frame needs ${images.MIN_SIDE_PX} px or more a side, got ${width} x ${height}`);
+    const sides = `${told(width)} x ${told(height)}`;
+    throw new Error(`a frame needs whole numbers of ${images.MIN_SIDE_PX} px or more, got ${sides}`);
   }
   if (!(data instanceof Uint8Array || data instanceof Uint8ClampedArray)) {
     throw new Error("data: need a Uint8Array or Uint8ClampedArray");

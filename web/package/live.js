@@ -25,6 +25,8 @@ export class LiveReceiver {
   isBusy = true;
   /** @type {InputError | null} */
   #failed = null;
+  /** What `Receiver.explanation` said at the end. @type {string | null} */
+  #explained = null;
   /** Number of frames that were not read because newer ones had come. */
   passedOver = 0;
 
@@ -56,7 +58,7 @@ export class LiveReceiver {
    *
    * @param {Frame} frame - must not change before the next one is handed over
    * @param {number} time - of the frame, seconds; rising from frame to frame
-   * @throws {InputError} that of an earlier frame, or of loading
+   * @throws {InputError} that of an earlier frame, or of loading, or it comes after `finish` or `close`
    */
   push(frame, time) {
     if (this.#failed) throw this.#failed;
@@ -73,19 +75,23 @@ export class LiveReceiver {
   async finish() {
     await this.#reading;
     if (!this.#failed) await this.#run(this.#ask("finish", []));
+    const failed = this.#failed;
+    if (!failed) this.#explained = await this.explanation();
     this.close();
-    if (this.#failed) throw this.#failed;
+    if (failed) throw failed;
   }
 
-  /** @returns {Promise<string>} what `Receiver.explanation` says */
-  explanation() {
-    return this.#ask("explanation", []);
+  /** @returns {Promise<string>} what `Receiver.explanation` says, or why a frame could not be read */
+  async explanation() {
+    return this.#explained ?? this.#failed?.message ?? this.#ask("explanation", []);
   }
 
   /** End the worker, whatever it reads. */
   close() {
     this.#drop();
     this.#worker.terminate();
+    this.#failed ??= new InputError("finished", "this receiver has finished; make a new one");
+    for (const asked of this.#asked.splice(0)) asked.reject(this.#failed);
   }
 
   /** Let go of the frame that waits. */

@@ -17,11 +17,16 @@ const functions = {
   explanation: () => receiver.explanation,
 };
 
-self.onmessage = async ({ data: { name, given } }) => {
+/** Ends when all that was asked for is answered, in the order in which it was. */
+let last = Promise.resolve();
+self.onmessage = ({ data }) => void (last = last.then(() => answer(data)));
+
+/** @param {{ name: string, given: any[] }} asked */
+async function answer({ name, given }) {
   try {
     self.postMessage({ result: await functions[name](...given) });
   } catch (error) {
     const code = error instanceof InputError ? error.code : "failed";
     self.postMessage({ error: { code, message: error instanceof Error ? error.message : String(error) } });
   }
-};
+}

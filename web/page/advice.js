@@ -7,8 +7,6 @@ import { sentence } from "./text.js";
 
 /** Seconds of vain search after which the page gives advice. */
 export const PATIENCE_S = 4;
-/** What is said where no display is found for long. */
-const ONLY_IN_PYTHON = "Displays of the preset paper are not read here, but by python -m receiver.";
 /** Share of the bar that is left to the frames which the display's clock is found in. */
 const FINDING = 0.3;
 /** Largest share of the bar before the message is there. */
@@ -20,7 +18,7 @@ const NEARLY = 0.99;
  * @typedef {object} Seen
  * @property {number[][] | null} corners - of the display in pixels, or null
  * @property {number} found - number of frames in which the display was found
- * @property {string} slow - which preset the camera is too slow for, or empty
+ * @property {number} neededFps - frames a second of which the camera has too few, or 0
  * @property {number} exposed - length of an exposure, in states of the display; 0 if not known
  * @property {boolean} synchronised - whether the display's clock is known
  * @property {number} progress - share of the message that was received
@@ -64,7 +62,6 @@ export function adviceFor(sight, waiting, image) {
   if (waiting < PATIENCE_S) return "";
   const { corners, synchronised, level } = sight;
   const isDark = level !== null && level < DARK;
-  if (isDark && corners) return "It is too dark. Turn the display brighter, or add light.";
   if (sight.clipped > BRIGHT) {
     return "It is too bright. Avoid reflections, or lower the exposure.";
   }
@@ -72,8 +69,9 @@ export function adviceFor(sight, waiting, image) {
     return (
       "Fit the whole display into the frame, as large as you can, and hold the camera still. " +
       (isDark ? "It is dark: come closer, or turn the display brighter. " : "") +
-      (sight.slow ? `T${sight.slow.slice(1)}.` : "If it is far away, come closer.") +
-      (waiting > 3 * PATIENCE_S ? ` ${ONLY_IN_PYTHON}` : "")
+      (sight.neededFps
+        ? `Some displays need ${sight.neededFps} frames a second, and this camera gives fewer: add light.`
+        : "If it is far away, come closer.")
     );
   }
   if (sight.cut) return "A part of the display is outside the picture. Move back a little.";
@@ -81,6 +79,7 @@ export function adviceFor(sight, waiting, image) {
   if (sight.exposed > LONG) {
     return "Each frame is exposed for too long. Add light, or choose a shorter exposure.";
   }
+  if (isDark) return "It is too dark. Turn the display brighter, or take a brighter picture.";
   if (!synchronised) return "Hold the camera still. Is the display playing the message?";
   return waiting > 3 * PATIENCE_S ? "Hold still, or come closer: the message arrives slowly." : "";
 }

@@ -26,7 +26,7 @@ const functions = {
     }),
 
   /** Load the film decoder's graph, unless it is there. */
-  loadFilm: () => inTurn(() => film?.load()),
+  load: () => inTurn(() => film?.load()),
 
   /**
    * Score the frame pairs of a window of film.
@@ -34,7 +34,7 @@ const functions = {
    * @param {Observation} observation
    * @returns {Promise<Float32Array>}
    */
-  decodeFilm: (observation) =>
+  decode: (observation) =>
     inTurn(() => {
       if (film === null) throw new Error("the film decoder is not loaded yet");
       return film.decode(observation);

@@ -20,10 +20,9 @@ const { DEFAULT_FPS, MAX_FPS } = imagesVideo;
  */
 
 /**
- * Takes a frame, or a function that makes it at some cost where it is wanted, and the frame's time
- * in seconds; the frame is its own from then on.
+ * Takes a frame, which is its own from then on, and the frame's time in seconds.
  *
- * @typedef {(pixels: Pixels | (() => Pixels), time: number) => unknown} Take
+ * @typedef {(pixels: Pixels, time: number) => unknown} Take
  */
 
 /**
@@ -63,7 +62,7 @@ export async function cameraFrames(stream, video, take, signal) {
  * @param {AbortSignal} signal - ends it
  * @returns {Promise<void>} resolves when the video has ended or the signal came
  */
-export function videoFrames(video, take, signal) {
+function videoFrames(video, take, signal) {
   const canvas = document.createElement("canvas");
   let last = -1;
   let isOver = false;
@@ -75,18 +74,13 @@ export function videoFrames(video, take, signal) {
       if (!video.videoWidth || time === last) return;
       last = time;
       const timestamp = Math.round(1e6 * time);
-      if (typeof VideoFrame !== "undefined") take({ frame: new VideoFrame(video, { timestamp }) }, time);
-      else take(() => pixelsOf(video, canvas), time);
+      const isKnown = typeof VideoFrame !== "undefined";
+      take(isKnown ? { frame: new VideoFrame(video, { timestamp }) } : pixelsOf(video, canvas), time);
     };
-    const ask = () => {
-      if (video.requestVideoFrameCallback) {
-        video.requestVideoFrameCallback((_, { captureTime, mediaTime }) =>
-          shown(captureTime === undefined ? mediaTime : captureTime / 1e3),
-        );
-      } else {
-        requestAnimationFrame(() => shown(video.currentTime));
-      }
-    };
+    const ask = () =>
+      void video.requestVideoFrameCallback((_, { captureTime, mediaTime }) =>
+        shown(captureTime === undefined ? mediaTime : captureTime / 1e3),
+      );
     const end = () => {
       isOver = true;
       resolve(undefined);

@@ -31,6 +31,9 @@ const { MIN_KEY_BYTES, MAX_KEY_BYTES, MAX_STAMP } = codeAuthenticate;
 /** Advice where a film shows a display, and not for long or well enough. */
 const FILM_LONGER = "Film longer, closer, or with a steadier hand.";
 
+/** What is said of a film in which no display is found. */
+const MIRRORED = "A mirrored film, as front cameras may make it, is not read: flip it.";
+
 /** @param {string} id @returns {any} */
 const byId = (id) => document.getElementById(id);
 
@@ -144,7 +147,7 @@ function showStep(step) {
     stop();
     if (refusal.text) say(refusal.text, refusal.advice);
     else if (step.preset) say("The film ended before the message was whole", FILM_LONGER);
-    else say("No display found in this film", adviceFor(step, Infinity, step));
+    else say("No display found in this film", `${adviceFor(step, Infinity, step)} ${MIRRORED}`);
   } else if (performance.now() > refusal.until) {
     const text = stateOf(step);
     const waiting = text === state.text ? (performance.now() - state.since) / 1000 : 0;

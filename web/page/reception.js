@@ -103,24 +103,21 @@ export class Reception {
    * Give a frame to the worker. While the worker is busy, the frame waits in place of one before;
    * before the worker is ready, it is dropped.
    *
-   * @param {Pixels | (() => Pixels)} frame - belongs to the worker from now on; a function makes
-   *   it at some cost, and is called only where the worker waits for it
+   * @param {Pixels} pixels - belong to the worker from now on
    * @param {number} time - in seconds
    * @returns {Promise<void> | null} resolves when the worker is done; null where it does not read
    *   the frame, or not yet
    */
-  offer(frame, time) {
-    const isMade = typeof frame === "object";
+  offer(pixels, time) {
     if (!this.isReady || this.fps === null) {
       if (this.fps === null) this.measure(time);
-      if (isMade) frame.frame?.close();
+      pixels.frame?.close();
       return null;
     }
-    if (!this.busy) return this.give(isMade ? frame : frame(), time);
-    if (this.waiting || !isMade) this.dropped++;
-    if (!isMade) return null;
+    if (!this.busy) return this.give(pixels, time);
+    if (this.waiting) this.dropped++;
     this.letGo();
-    this.waiting = { pixels: frame, time };
+    this.waiting = { pixels, time };
     return null;
   }
 

@@ -9,8 +9,8 @@ import { wrap } from "comlink";
  * Start the worker that runs the graph.
  *
  * @param {string} address - of its program
- * @returns {{ decoding: Remote<Decoding>, ready: Promise<void> }} its functions, and what resolves
- *   when it can decode and is rejected where it never will
+ * @returns {{ decoding: Remote<Decoding>, ready: Promise<void> }} the decoder of windows, and what
+ *   resolves when it can decode and is rejected where it never will
  */
 export function startDecoding(address) {
   const worker = new Worker(address, { type: "module" });
@@ -24,17 +24,4 @@ export function startDecoding(address) {
     decoding.prepare().then(resolve, reject);
   });
   return { decoding, ready };
-}
-
-/**
- * Make a film decoder whose graph runs in another worker.
- *
- * @param {Remote<Decoding>} decoding - functions of the worker
- * @returns {import("../port/export/filmGraph.js").WindowDecoder}
- */
-export function remoteFilm(decoding) {
-  return {
-    load: () => decoding.loadFilm(),
-    decode: (observation) => decoding.decodeFilm(observation),
-  };
 }

@@ -2,11 +2,11 @@
 
 import { wrap } from "comlink";
 import { encodeQR } from "qr";
-import { codeAuthenticate, senderCompact } from "../generated/constants.js";
+import { codeAuthenticate, senderCarrying, senderCompact } from "../generated/constants.js";
 import { framesNeeded } from "../port/link/code/framing.js";
 import { InputError } from "../port/link/errors.js";
 import { failureOf } from "./advice.js";
-import { openFilm, openPicture, pixelsOf, sizeOf } from "../port/sender/picture.js";
+import { carriedShare, openFilm, openPicture, pixelsOf, sizeOf } from "../port/sender/picture.js";
 import {
   addressOf, checkVersion, download, keepForOffline, load, remember, remembered, RENEWED, started,
 } from "./site.js";
@@ -25,10 +25,15 @@ const byId = (id) => document.getElementById(id);
 const worker = wrap(new Worker(addressOf("sending.js"), { type: "module" }));
 /** What is shown; each new one takes its place. */
 let picture = drawn("noon");
+/** Whether the preview shows the first picture of a film, which tells nothing of the others. */
+let isFilm = false;
 /** The worst that the visitor was warned of before it played, and agreed to; else empty. */
 let agreed = "";
 /** Share of refreshes that a display may skip without a word. */
 const FEW_SKIPPED = 0.05;
+/** What is said of a picture over which little comes through. */
+const DARK =
+  "This picture is dark, so that it is read late or not at all. Take a brighter one, or choose “To reach every camera”.";
 /** Modules of white around a QR code (ISO/IEC 18004). */
 const QUIET = 4;
 /** Name by which the address of the page that reads is remembered. */
@@ -40,8 +45,17 @@ function say(text, isError = false) {
   byId("status").classList.toggle("error", isError);
 }
 
+/** What the server's policy forbids this page, once it has; nothing else is said then. */
+let forbidden = "";
+document.addEventListener("securitypolicyviolation", ({ effectiveDirective: part }) => {
+  if (!/^(img|media)-src/.test(part)) return;
+  forbidden = `This page's server forbids pictures. Who runs it adds ${part} 'self' blob: to its Content-Security-Policy.`;
+  say(forbidden, true);
+});
+
 /** @param {unknown} error */
 function sayError(error) {
+  if (forbidden) return say(forbidden, true);
   const why = error instanceof Error ? error.message : String(error);
   const unknown = why === RENEWED ? failureOf(why).join(": ") : `This did not work: ${why}`;
   say(error instanceof InputError ? why : unknown, true);
@@ -72,11 +86,13 @@ async function take(next) {
   const before = picture;
   const mine = (picture = next.catch(() => before));
   try {
-    const { still: given, note = "" } = await next;
+    const { still: given, note = "", film } = await next;
     if (mine !== picture) return;
+    isFilm = Boolean(film);
     const preview = byId("preview");
     [preview.width, preview.height] = [given.width, given.height];
     preview.getContext("2d").drawImage(given, 0, 0);
+    sayCost(); // which depends on the picture, too
     say(note);
   } catch (error) {
     for (const id of ["picture", "camera"]) byId(id).value = ""; // which is not what is shown
@@ -119,8 +135,11 @@ function numberOf(number) {
 
 /** Say what the preset needs, and how long a loop lasts: in a few words, and in numbers. */
 function sayCost() {
-  const { purpose, needs_fps, better_fps, seen, distance_m, longest_bytes, n_bits, loop } = chosen();
+  const { name, purpose, needs_fps, better_fps, seen, distance_m, longest_bytes, n_bits, loop } =
+    chosen();
   const size = length();
+  const share = isFilm ? null : carriedShare(byId("preview"), name);
+  const rate = Math.round((share ?? 0) * n_bits * (loop.state_hz / 2));
   const pairs = framesNeeded(Math.min(Math.max(size, 1), longest_bytes), n_bits);
   const [file] = byId("file").files;
   const seconds = numberOf(Math.max(1, Math.round((2 * pairs) / loop.state_hz)));
@@ -134,6 +153,7 @@ function sayCost() {
         ? "Phones read it, best with many frames a second."
         : "Any phone reads it.",
     `It comes round every ${seconds === "1" ? "second" : `${seconds} seconds`}.`,
+    share !== null && share < senderCarrying.DIM ? DARK : "",
     file ? `The file “${file.name}” is sent in place of the text.` : "",
     size > longest_bytes ? "The message is too long for this choice." : "",
   ].join(" ");
@@ -143,7 +163,8 @@ function sayCost() {
     `${purpose} Its flicker ${flicker} what is just seen from ${distance_m} m. ` +
     `It needs a camera of ${needs_fps} frames a second${better}. ` +
     `The message has ${numberOf(size)} of at most ${numberOf(longest_bytes)} bytes, and comes ` +
-    `round every ${numberOf((2 * pairs) / loop.state_hz)} s.`;
+    `round every ${numberOf((2 * pairs) / loop.state_hz)} s.` +
+    (share === null ? "" : ` Over this picture about ${numberOf(rate)} bits a second come through.`);
   byId("flicker").hidden = !loop.flicker[0][1];
 }
 

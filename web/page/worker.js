@@ -10,14 +10,14 @@ import { Verifier } from "../port/link/code/authenticate.js";
 import { equalBytes } from "../port/link/code/bits.js";
 import { Layout } from "../port/link/layout.js";
 import { FRAME_MS } from "../port/receiver/pilots/search/pilotSearch.js";
-import { explainSilence, explainSlowness, OFTEN } from "../port/receiver/diagnosis.js";
+import { explainSilence, neededFps, OFTEN } from "../port/receiver/diagnosis.js";
 import { Inbox } from "../port/receiver/inbox.js";
 import { Receiver } from "../port/receiver/receiver.js";
 import { warmUp } from "../port/receiver/warm.js";
 import { inTurn } from "./inTurn.js";
 import { planeOfFrame, planeOfRgba } from "./planes.js";
 import { MAX_RECORDED_BYTES, recordingFile } from "./recording.js";
-import { remoteFilm, startDecoding } from "./remoteDecoder.js";
+import { startDecoding } from "./remoteDecoder.js";
 import { addressOf, load } from "./site.js";
 
 /** @import { WindowDecoder } from "../port/export/filmGraph.js" */
@@ -142,7 +142,7 @@ const functions = {
 async function loadAll() {
   const { decoding, ready } = startDecoding(addressOf("decoding.js"));
   graphs = ready.catch((error) => void (undecodable = error)); // the next frame tells
-  filmScorer = remoteFilm(decoding);
+  filmScorer = decoding;
   const [table, { layout, width, height }, levels] = await Promise.all([
     ...["presets.json", "warm.json"].map(async (name) => (await load(name)).json()),
     load("warm/states.bin").then(async (file) => new Uint8Array(await file.arrayBuffer())),
@@ -199,7 +199,7 @@ function report(corners, message, last) {
     level: observations.level,
     clipped: observations.clipped,
     cut: observations.cut > OFTEN * observations.found,
-    slow: explainSlowness(observations),
+    neededFps: neededFps(observations),
     exposed: observations.exposed,
     explanation: explainSilence(observations),
     arrival: delivery && {

@@ -129,9 +129,8 @@ test("of the frames that come while the worker is busy, the newest waits", async
   const frame = /** @type {any} */ ({ close: () => closed++ });
   for (const time of [1, 2]) reception.offer({ frame }, time);
   reception.offer({}, 3);
-  assert.equal(reception.offer(() => assert.fail("a frame was made in vain"), 4), null);
   await reception.whenIdle();
-  assert.deepEqual([closed, reception.taken, reception.dropped], [2, 2, 3]);
+  assert.deepEqual([closed, reception.taken, reception.dropped], [2, 2, 2]);
   reception.offer({}, 5);
   reception.offer({ frame }, 6);
   reception.begin(30);
@@ -190,7 +189,7 @@ test("advice says what would help, and waits before it does", () => {
   const image = { width: 100, height: 100 };
   const corners = [[10, 10], [90, 10], [90, 90], [10, 90]];
   const far = [[45, 45], [55, 45], [55, 55], [45, 55]];
-  const seen = { found: 90, slow: "", exposed: 0, level: 120, clipped: 0, cut: false };
+  const seen = { found: 90, neededFps: 0, exposed: 0, level: 120, clipped: 0, cut: false };
   const sight = { ...seen, corners, synchronised: true, progress: 0.5 };
   assert.ok(Math.abs(shareOf(corners, image) - 0.64) < 1e-12);
   const lost = { ...sight, corners: null, synchronised: false, progress: 0 };
@@ -201,12 +200,11 @@ test("advice says what would help, and waits before it does", () => {
   assert.equal(adviceFor({ ...lost, level: 5 }, 1, image), "");
   assert.match(adviceFor({ ...sight, level: 5 }, 9, image), /too dark/);
   assert.match(adviceFor({ ...lost, level: 5 }, 9, image), /It is dark: come closer/);
-  const slow = "this camera takes 30 frames a second";
-  assert.match(adviceFor({ ...lost, slow }, 9, image), /This camera takes 30 frames a second\./);
+  assert.match(adviceFor({ ...lost, neededFps: 30 }, 9, image), /need 30 frames a second/);
   assert.match(adviceFor({ ...lost, clipped: 0.5 }, 9, image), /too bright/);
   assert.match(adviceFor(lost, 9, image), /come closer/);
   assert.match(adviceFor({ ...sight, corners: far }, 9, image), /small.*closer/);
-  assert.match(adviceFor({ ...sight, cut: true }, 9, image), /outside/);
+  assert.match(adviceFor({ ...sight, cut: true, level: 5 }, 9, image), /outside/);
   assert.match(adviceFor({ ...sight, exposed: 2 }, 9, image), /shorter exposure/);
   assert.match(adviceFor({ ...sight, synchronised: false }, 9, image), /still/);
   assert.equal(adviceFor(sight, 9, image), "");

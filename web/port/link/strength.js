@@ -4,6 +4,7 @@
  */
 
 import { strength } from "../../generated/constants.js";
+import { interpolated } from "../image/interpolated.js";
 
 const {
   LUMINANCE_FROM_RGB, STEPS_PER_OCTAVE, FACTORS, LIGHT, EVEN, EVEN_LIGHT, MASKING_WEIGHT, MASKING_EXPONENT,
@@ -42,16 +43,10 @@ export function blockSteps({ width, height, data }, rows, cols) {
   );
   const masks = masking(light, rows, cols);
   return Uint8Array.from(light, (value, block) => {
-    const step = Math.floor(STEPS_PER_OCTAVE * Math.log2(evenFactor(value) * masks[block]) + 1e-9);
+    const factor = interpolated(value, EVEN_LIGHT, EVEN_FACTORS) * masks[block];
+    const step = Math.floor(STEPS_PER_OCTAVE * Math.log2(factor) + 1e-9);
     return Math.min(Math.max(step, 0), FACTORS.length - 1);
   });
-}
-
-/** @param {number} light @returns {number} by which flicker over it may be larger, at least 1 */
-function evenFactor(light) {
-  const at = Math.max(1, EVEN_LIGHT.findIndex((known) => known >= light));
-  const slope = (EVEN_FACTORS[at] - EVEN_FACTORS[at - 1]) / (EVEN_LIGHT[at] - EVEN_LIGHT[at - 1]);
-  return EVEN_FACTORS[at - 1] + slope * (light - EVEN_LIGHT[at - 1]);
 }
 
 /**

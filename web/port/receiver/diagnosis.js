@@ -39,26 +39,6 @@ export const {
  * @returns {string}
  */
 export function explainSilence(seen) {
-  return told(reasons(seen), seen);
-}
-
-/**
- * Say which preset the camera is too slow for; empty where it is for none.
- *
- * @param {Observations} seen
- * @returns {string}
- */
-export function explainSlowness(seen) {
-  return tooFast(seen) ? told(["slow"], seen).slice("; ".length) : "";
-}
-
-/**
- * Fill in parts of the line.
- *
- * @param {string[]} parts - keys of `WORDS`
- * @param {Observations} seen
- */
-function told(parts, seen) {
   const { toggling } = seen;
   const fast = tooFast(seen) ?? "";
   /** @type {Record<string, any>} */
@@ -76,11 +56,21 @@ function told(parts, seen) {
     amplitude: toggling?.amplitude,
     toggle_hz: toggling?.stateHz,
   };
-  return parts
+  return reasons(seen)
     .map((part) => WORDS.get(part))
     .join("")
     .replace(/\{(\w+):?([^}]*)\}/g, (_, name, form) => written(values[name], form))
     .replaceAll(" --", " "); // the page has no flags
+}
+
+/**
+ * Say how many frames a second a camera needs at least where this one has too few.
+ *
+ * @param {Observations} seen
+ * @returns {number} 0 where it has enough
+ */
+export function neededFps(seen) {
+  return PRESET_FPS.get(tooFast(seen) ?? "")?.[0] ?? 0;
 }
 
 /**

@@ -1,6 +1,9 @@
 /** Pictures that carry the message. */
 
-import { images, placement, senderCompact, senderPictures } from "../../generated/constants.js";
+import {
+  images, placement, senderCarrying, senderCompact, senderPictures,
+} from "../../generated/constants.js";
+import { interpolated } from "../image/interpolated.js";
 import { roundHalfEven } from "../image/round.js";
 import { InputError } from "../link/errors.js";
 
@@ -145,6 +148,25 @@ function checkCanvas(context) {
 }
 
 /**
+ * Work out which share of a frame pair's bits comes through over a picture (sender/carrying.py).
+ *
+ * @param {CanvasImageSource} given
+ * @param {string} preset
+ * @returns {number | null} 0 to 1; null for a preset of which it is not known
+ */
+export function carriedShare(given, preset) {
+  const table = senderCarrying.CARRIED.get(preset);
+  if (!table) return null;
+  const { data } = pixelsAt(given, senderCarrying.SHRUNK_PX, false);
+  let sum = 0;
+  for (let at = 0; at < data.length; at += 3) {
+    const gray = images.LUMA.reduce((luma, share, i) => luma + share * data[at + i], 0);
+    sum += interpolated(gray, [...table.keys()], [...table.values()]);
+  }
+  return (3 * sum) / data.length;
+}
+
+/**
  * Take the pixels of a picture, at the size at which it is shown.
  *
  * @param {ImageBitmap} given
@@ -152,11 +174,21 @@ function checkCanvas(context) {
  * @returns {Picture}
  */
 export function pixelsOf(given, least) {
+  return pixelsAt(given, sizeOf(given, least), true);
+}
+
+/**
+ * @param {CanvasImageSource} given
+ * @param {number[]} size - width and height
+ * @param {boolean} isChecked - whether the browser has to give the pixels as they are
+ * @returns {Picture}
+ */
+function pixelsAt(given, size, isChecked) {
   const canvas = document.createElement("canvas");
-  [canvas.width, canvas.height] = sizeOf(given, least);
+  [canvas.width, canvas.height] = size;
   const context = canvas.getContext("2d", { willReadFrequently: true, colorSpace: "srgb" });
   if (!context) throw new Error("the browser gives no canvas");
-  checkCanvas(context);
+  if (isChecked) checkCanvas(context);
   context.fillStyle = "#fff"; // shows where the picture is transparent
   context.fillRect(0, 0, canvas.width, canvas.height);
   context.imageSmoothingQuality = "high";
