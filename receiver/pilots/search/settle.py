@@ -107,6 +107,7 @@ def verify(
         best = replace(fitted, toggling=toggling)
     else:
         best, known, fit = replace(start, toggling=toggling), {}, None
+    watch.tell("verified", best.corners, evidence)
     if evidence < min(CERTAIN, CERTAIN_SHARE * layout.pilots):
         confirmed = yield from _confirmed(best, evidence, frames, used, watch, known)
         if confirmed is None:

@@ -146,6 +146,7 @@ class WindowSearch:
         turns = self._turns if count is None else ANY_TURN
         for number, quad in enumerate(quads):
             evidence, proposal = self._proposer.weigh_coarsely(quad, turns, count)
+            self.watch.tell("weighed", quad, evidence)
             if evidence > PROMISING and (found := (yield from self._weigh_and_verify(proposal))):
                 return found
             if number % WEIGHED_AT_ONCE == WEIGHED_AT_ONCE - 1:
@@ -167,6 +168,7 @@ class WindowSearch:
             if fit is None:
                 continue
             evidence, _ = self._proposer.likeliest_in(fit.corners, [fit.layout])
+            self.watch.tell("weighed", fit.corners, evidence)
             yield 1
             if evidence > HINT and (found := (yield from self._verify(fit, evidence))):
                 return found
@@ -180,6 +182,7 @@ class WindowSearch:
 
     def _verify(self, proposal: Proposal, evidence: float) -> Search:
         """Verify a proposal with this evidence in all frames so far, before it pays."""
+        self.watch.tell("verifying", proposal.corners, evidence)
         self.most_evidence = max(self.most_evidence, evidence)
         return (yield from self._go_on(verify(proposal, evidence, self.watch)))
 
