@@ -5,8 +5,8 @@ the pilots fit the grid, and a display is detected if its blocks toggle with the
 (`settle.verify`). That also tells which way up it is and which of several grids it shows.
 """
 
-from collections.abc import Sequence
-from itertools import islice, product
+from collections.abc import Iterator, Sequence
+from itertools import product
 
 import numpy as np
 
@@ -14,15 +14,10 @@ from link.layout import Layout
 from link.steps import Steps
 from link.types import Array
 from receiver.pilots.search.proposals import (
-    CANDIDATES,
-    CLEAREST,
-    FRAME_SHARE,
     PROMISING,
     STRONGEST,
-    UPRIGHT_OR_NOT,
     Proposal,
     Proposer,
-    inset,
     weigh,
 )
 from receiver.pilots.search.settle import HINT, Detection, verify
@@ -88,22 +83,20 @@ class WindowSearch:
         """Look for the display in the film that follows the reference.
 
         Edges are weighed coarsely soon and after each quarter of the window. While frames are
-        awaited then, the pilots are fitted to quadrilaterals that may bound a display of which a
-        part is in view. Once all frames have been watched, other quadrilaterals are weighed, and
-        the pilots are fitted to those that probably bound a display, if not exactly.
+        awaited then, faint edges are weighed, and the pilots are fitted to quadrilaterals that may
+        bound a display of which a part is in view. Once all frames have been watched, faint edges
+        are weighed again, and the pilots are fitted to what may bound a display, if not exactly.
         """
         watch, proposer = self.watch, self._proposer
         edges = yield from proposer.edges()
         watch.surround(edges[:SURROUNDED])
-        partly_seen, upright = iter(proposer.partly_seen), UPRIGHT_OR_NOT[:1]
-        count, seen = watch.soon, 0
+        aside, count, seen = self._aside(), watch.soon, 0
         while seen < watch.window:
             while len(watch.frames) < min(count, watch.window):
-                leaving = [*islice(partly_seen, 1)] if seen else []
-                if found := (yield from self._fit(leaving, self._turns[:1], upright)):
+                trial = next(aside, None) if seen else None
+                yield NEXT_FRAME if trial is None else 1
+                if trial is not None and (found := (yield from trial)):
                     return found
-                if not leaving:
-                    yield NEXT_FRAME
                 for quad, turn in product(edges, ANY_TURN):  # each frame does its own share
                     proposer.pilots_seen(quad, turn, len(watch.frames))
             seen = len(watch.frames)
@@ -117,24 +110,23 @@ class WindowSearch:
             if found := (yield from self._weigh_coarsely(quads)):
                 return found
         self.is_late = True
-        if found := (yield from self._fit([*partly_seen], self._turns[:1], upright)):
-            return found
-        strongest = [*edges[:STRONGEST], *faint[:1]]
-        if found := (yield from self._fit(strongest, self._turns)):
+        for trial in aside:
+            if found := (yield from trial):
+                return found
+        every_turn = [turn + half for turn in self._turns for half in (0, 2)]
+        if found := (yield from self._fit([*edges[:STRONGEST], *faint[:1]], every_turn)):
             return found
         outlines = yield from proposer.outlines()
-        framed = [inset(quad, FRAME_SHARE) for quad in (*edges, *faint[:CANDIDATES])]
-        if found := (yield from self._weigh_coarsely([*outlines, *framed])):
+        if found := (yield from self._weigh_coarsely(outlines)):
             return found
-        weighed = proposer.weighed_coarsely()
-        for evidence, proposal, _ in weighed:  # those more promising have been verified
-            if not HINT < evidence <= PROMISING:
-                continue
-            if found := (yield from self._weigh_and_verify(proposal)):
-                return found
-        tried = {id(quad) for quad in strongest}
-        clearest = [quad for _, _, quad in weighed if id(quad) not in tried][:CLEAREST]
-        return (yield from self._fit([*clearest, *outlines], self._turns))
+        return (yield from self._fit(outlines, every_turn))
+
+    def _aside(self) -> Iterator[Search]:
+        """List what is tried while frames are awaited: faint edges, and displays partly in view."""
+        for quads in self._proposer.faint_edges():
+            yield self._weigh_coarsely(quads)
+        for quad in self._proposer.partly_seen:
+            yield self._fit([quad], self._turns[:1])
 
     def _weigh_coarsely(self, quads: Sequence[Array], count: int | None = None) -> Search:
         """Weigh quadrilaterals coarsely, and verify each that is promising.
@@ -153,18 +145,15 @@ class WindowSearch:
                 yield 1
         return None
 
-    def _fit(
-        self, quads: Sequence[Array], turns: Sequence[int], ways: Sequence[int] = UPRIGHT_OR_NOT
-    ) -> Search:
+    def _fit(self, quads: Sequence[Array], turns: Sequence[int]) -> Search:
         """Fit the pilots to quadrilaterals, and verify each fit that is a hint.
 
         Args:
             quads: (4, 2) pixels of the reference frame each, the likeliest first.
             turns: quarter turns after which each is tried.
-            ways: more turns: as it is then seen, and maybe upside down.
         """
         for quad, turn in product(quads, turns):
-            fit = yield from self._proposer.first_fit(np.roll(quad, -turn, axis=0), ways)
+            fit = yield from self._proposer.first_fit(np.roll(quad, -turn, axis=0))
             if fit is None:
                 continue
             evidence, _ = self._proposer.likeliest_in(fit.corners, [fit.layout])
