@@ -128,7 +128,7 @@ class PilotSearch:
             observer=self._observer,
         )
         turns = (ANY_TURN[(number - 1) % 2],) if number else ANY_TURN
-        window = WindowSearch(watch, self.layouts, turns)
+        window = WindowSearch(watch, self.layouts, turns, is_alone=not self._windows)
         self._windows[window] = window.steps()
         self.picture_moves = False
 

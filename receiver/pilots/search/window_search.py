@@ -43,15 +43,19 @@ class WindowSearch:
         watch: the film, of which the reference frame has come.
         layouts: those that may be shown.
         turns: quarter turns after which quadrilaterals are tried that are proposed late.
+        is_alone: whether no other window is searched while the frames come.
     """
 
-    def __init__(self, watch: Watch, layouts: Sequence[Layout], turns: Sequence[int]) -> None:
-        self.watch, self._turns = watch, turns
+    def __init__(
+        self, watch: Watch, layouts: Sequence[Layout], turns: Sequence[int], *, is_alone: bool
+    ) -> None:
+        self.watch, self._turns, self._is_alone = watch, turns, is_alone
+        self._faint: list[Array] = []
         self._proposer = Proposer(watch, layouts)
         self.most_evidence = 0.0
         """Largest evidence of a quadrilateral so far, before the number of trials is taken off."""
         self.is_late = False
-        """Whether all edges have been weighed coarsely, in all frames that are watched."""
+        """Whether edges have been weighed coarsely in all frames that are watched."""
         self.waiting: list[Search] = []
         """Verifications that have waited for a frame, or wait for one."""
 
@@ -84,8 +88,9 @@ class WindowSearch:
 
         Edges are weighed coarsely soon and after each quarter of the window. While frames are
         awaited then, faint edges are weighed, and the pilots are fitted to quadrilaterals that may
-        bound a display of which a part is in view. Once all frames have been watched, faint edges
-        are weighed again, and the pilots are fitted to what may bound a display, if not exactly.
+        bound a display of which a part is in view; beside another window, which has the time, this
+        comes at the end. Once all frames have been watched, faint edges are weighed again, and the
+        pilots are fitted to what may bound a display, if not exactly.
         """
         watch, proposer = self.watch, self._proposer
         edges = yield from proposer.edges()
@@ -93,7 +98,7 @@ class WindowSearch:
         aside, count, seen = self._aside(), watch.soon, 0
         while seen < watch.window:
             while len(watch.frames) < min(count, watch.window):
-                trial = next(aside, None) if seen else None
+                trial = next(aside, None) if seen and self._is_alone else None
                 yield NEXT_FRAME if trial is None else 1
                 if trial is not None and (found := (yield from trial)):
                     return found
@@ -103,18 +108,15 @@ class WindowSearch:
             count = seen + watch.window // 4
             if found := (yield from self._weigh_coarsely(edges, seen)):
                 return found
-        faint: list[Array] = []
-        for quads in proposer.faint_edges():
-            yield 1
-            faint += quads
-            if found := (yield from self._weigh_coarsely(quads)):
-                return found
+        if found := (yield from self._weigh_coarsely(self._faint)):
+            return found
         self.is_late = True
         for trial in aside:
+            yield 1
             if found := (yield from trial):
                 return found
         every_turn = [turn + half for turn in self._turns for half in (0, 2)]
-        if found := (yield from self._fit([*edges[:STRONGEST], *faint[:1]], every_turn)):
+        if found := (yield from self._fit([*edges[:STRONGEST], *self._faint[:1]], every_turn)):
             return found
         outlines = yield from proposer.outlines()
         if found := (yield from self._weigh_coarsely(outlines)):
@@ -124,6 +126,7 @@ class WindowSearch:
     def _aside(self) -> Iterator[Search]:
         """List what is tried while frames are awaited: faint edges, and displays partly in view."""
         for quads in self._proposer.faint_edges():
+            self._faint += quads
             yield self._weigh_coarsely(quads)
         for quad in self._proposer.partly_seen:
             yield self._fit([quad], self._turns[:1])
