@@ -4,13 +4,20 @@ Nothing visible marks a display with pilots. Here `PilotSearch` looks for it in 
 films of rooms: of displays that show a preset, from the first frame on or later, of displays that
 stand still, that show a film, and that toggle blocks of another layout. In the last three it must
 find nothing.
+
+Films of other cameras, whose corners are known, can be searched instead. Of each film that shows a
+display it is told when corners near the true ones came how far in the search, and what they waited
+for.
 """
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from math import lcm
+from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import quantile_test
@@ -19,13 +26,21 @@ from data_gen.film.scenes import SceneSettings
 from data_gen.film.stream import States, VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
 from data_gen.pairs import GROUPS, pair_names
+from data_gen.video import TRUTH
 from lab.study import Results, Study, StudyFlags, Workshop
 from link.embed import embed
 from link.errors import ParameterError, at_least, choose
 from link.geometry import frame_corners, transform
+from link.images import image_files, read_image
 from link.layout import Layout, make_layout
+from link.outside import read_json_lines
 from link.presets import PRESETS
-from receiver.pilots.search.pilot_search import PilotSearch
+from link.types import Corners, Image
+from receiver.decoders import open_decoders
+from receiver.pilots.search.pilot_search import PilotDisplay, PilotSearch
+from receiver.pilots.search.proposals import PROMISING
+from receiver.pilots.search.watch import Trial
+from receiver.receiver import Receiver
 from reports.engine.backends import one_thread
 from reports.render.tables import Table
 from reports.score.intervals import wilson
@@ -59,6 +74,21 @@ SHOWN = "display", "late"
 """Films in which a display is to be found."""
 LATE_S = 0.3, 3.5
 """Least and largest time, in seconds, for which a display stands still that begins late."""
+STAGES = {
+    "proposed": "a proposal within a block",
+    "weighed": f"evidence of {PROMISING:g}",
+    "verified": "corners that fit",
+    "found": "frames that agree, or the clock",
+    "read": "the message",
+}
+"""Stages through which the true corners pass, and what each of them waits for."""
+STAGE_OF_TRIAL = {"weighed": "proposed", "verifying": "weighed", "verified": "verified"}
+"""Stage that corners have reached by the stage of a trial (`Trial.stage`)."""
+NEAR = 1 / 55
+"""Largest distance of corners from the true ones, as a share of the root of the display's area, at
+which they are taken for them: a block of the preset `hidden`, of 48 x 64."""
+SOON_S = 1.0
+"""Time, in seconds, within which a display is to be found."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +106,9 @@ class PilotSearchFlags(StudyFlags):
     """Length of each film from the time on at which the display begins to toggle, seconds."""
     pairs: tuple[str, ...] = GROUPS["paper"]
     """Camera-display pairs, which film in turn."""
+    folders: tuple[Path, ...] = ()
+    """Films that are searched instead, and read: folders of PNGs with truth.jsonl, as
+    data_gen.video writes them of a display of the preset's own size."""
 
 
 @dataclass(frozen=True)
@@ -101,13 +134,13 @@ class SearchOutcome:
     """What the search found in one film."""
 
     preset: str
-    """Name of the display's preset and the camera's rate; a key of `CAMERAS`."""
+    """Name of the display's preset and the camera's rate; a key of `CAMERAS`; or of a folder."""
     seen: str
     """What the film shows; a key of `SEEN`."""
     number: int
     """Number of the film among those of its preset and kind."""
-    view_deg: float
-    """Angle of observation, degrees."""
+    view_deg: float | None
+    """Angle of observation, degrees; None where it is not known."""
     coverage: float
     """Share of the image that the display covers."""
     found_s: float | None
@@ -117,6 +150,12 @@ class SearchOutcome:
     nothing was found."""
     right: bool
     """Whether the layout found is the one shown."""
+    stages: dict[str, float]
+    """Time from the display's beginning to the frame with which the true corners reached each of
+    `STAGES`, seconds; those not reached are left out."""
+    evidence: float
+    """Largest evidence by which corners near the true ones were weighed; 0 where there were
+    none."""
 
 
 @dataclass(frozen=True)
@@ -200,19 +239,117 @@ def search_film(take: SearchTake) -> SearchOutcome:
         seconds=begins_s + take.seconds,
         start_s=0.0 if begins_s else None,
     )
-    search, found_s, error, right = PilotSearch(searched_layouts(), fps), None, None, False
     pair = source.pair(take.pair)
-    for frame in film(states, layout, pair, view, settings, rng):
-        found = search.push(frame.rgb, frame.time_s)
+    display = frame_corners(layout.width, layout.height)
+    filmed = (
+        (frame.rgb, frame.time_s, transform(frame.H_captured_from_display, display))
+        for frame in film(states, layout, pair, view, settings, rng)
+    )
+    found, error, stages, evidence = trace_search(filmed, fps, begins_s)
+    found_s = stages.get("found")
+    right = seen in SHOWN and found is not None and found.layout == layout and stages["found"] >= 0
+    return SearchOutcome(
+        take.preset, seen, number, view, coverage, found_s, error, right, stages, evidence
+    )
+
+
+def trace_search(
+    film: Iterable[tuple[Image, float, Corners]], fps: float, begins_s: float
+) -> tuple[PilotDisplay | None, float | None, dict[str, float], float]:
+    """Look for a display in a film until one is found, and note when the true corners came how far.
+
+    Args:
+        film: images, their times in seconds, and the true corners in them.
+        fps: nominal number of frames of the camera in a second.
+        begins_s: time at which the display begins to toggle, seconds.
+
+    Returns:
+        the display found, the mean distance of its corners from the true ones in pixels, and
+        `SearchOutcome.stages` and `SearchOutcome.evidence`.
+    """
+    true: dict[float, Corners] = {}
+    stages: dict[str, float] = {}
+    evidence = [0.0]
+
+    def note(trial: Trial) -> None:
+        corners = true[trial.time]
+        turned = (np.roll(trial.corners, turn, axis=0) for turn in range(4))
+        off = min(float(np.abs(each - corners).max()) for each in turned)
+        if off <= NEAR * np.sqrt(cv2.contourArea(corners.astype(np.float32))):
+            stages.setdefault(STAGE_OF_TRIAL[trial.stage], now - begins_s)
+            evidence.append(trial.evidence)
+
+    search = PilotSearch(searched_layouts(), fps, note)
+    for image, now, corners in film:
+        true[now] = corners
+        found = search.push(image, now)
         if found is not None:
-            corners = transform(
-                frame.H_captured_from_display, frame_corners(layout.width, layout.height)
-            )
-            found_s = frame.time_s - begins_s
-            right = seen in SHOWN and found_s >= 0 and found.layout == layout
+            stages["found"] = now - begins_s
             error = float(np.linalg.norm(found.corners - corners, axis=1).mean())
+            return found, error, stages, max(evidence)
+    return None, None, stages, max(evidence)
+
+
+def folder_outcome(folder: str) -> dict[str, Any]:
+    """Search and read a film whose frames lie in a folder; the fields of a `SearchOutcome`."""
+    one_thread()
+    layout = PRESETS["hidden"].layout  # all presets have its size
+    display = frame_corners(layout.width, layout.height)
+    truth = [line for _, line in read_json_lines(Path(folder) / TRUTH)]
+    times = [float(line["time_s"]) for line in truth]
+    corners = [transform(np.array(line["H_captured_from_display"]), display) for line in truth]
+    images = [read_image(file) for file in image_files(Path(folder))]
+    fps = round(1 / float(np.median(np.diff(times))), 2)
+    film = zip(images, times, corners, strict=True)
+    found, error, stages, evidence = trace_search(film, fps, times[0])
+    decoders, window_decoder = open_decoders(None, threads=1)
+    receiver = Receiver(decoders, fps, window_decoder)
+    for image, time in zip(images, times, strict=True):
+        if found is not None and receiver.push(image, time).message is not None:
+            stages["read"] = time - times[0]
             break
-    return SearchOutcome(take.preset, seen, number, view, coverage, found_s, error, right)
+    outcome = SearchOutcome(
+        preset=Path(folder).name,
+        seen="display",
+        number=0,
+        view_deg=None,
+        coverage=cv2.contourArea(corners[0].astype(np.float32)) / images[0][..., 0].size,
+        found_s=stages.get("found"),
+        error_px=error,
+        right=found is not None,
+        stages=stages,
+        evidence=evidence,
+    )
+    return asdict(outcome)
+
+
+def waited_for(outcome: SearchOutcome) -> str:
+    """Say what the true corners never got, or else waited for longest.
+
+    The message is read in films of folders alone, so it counts where the film was read.
+    """
+    waits, before = {}, 0.0
+    for stage, wait in STAGES.items():
+        if stage in outcome.stages:  # some are skipped: corners that were off may move to the true
+            waits[wait], before = outcome.stages[stage] - before, outcome.stages[stage]
+        elif outcome.found_s is None:
+            return wait
+    return max(waits, key=lambda wait: waits[wait])
+
+
+def stages_table(outcomes: Sequence[SearchOutcome]) -> Table:
+    """Show when the true corners of each film came how far, and what they waited for longest."""
+    rows = []
+    for o in outcomes:
+        times = [f"{o.stages[stage]:.2f}" if stage in o.stages else "–" for stage in STAGES]
+        name = f"{o.preset}, film {o.number}" if o.view_deg is not None else o.preset
+        rows.append([name, f"{o.coverage:.2f}", *times, f"{o.evidence:.1f}", waited_for(o)])
+    heads = "film", "coverage", *STAGES, "evidence", "waited longest for"
+    late = [o for o in outcomes if not o.right or o.stages["found"] > SOON_S]
+    causes = Counter(waited_for(o) for o in late).most_common()
+    text = f"Found later than {SOON_S:g} s or never: {len(late)} of {len(outcomes)} films"
+    text += "".join(f"; {count} waited for {cause}" for cause, count in causes) + "."
+    return Table(heads, rows, text)
 
 
 def search_table(outcomes: Sequence[SearchOutcome]) -> Table:
@@ -281,19 +418,22 @@ def measure_search(flags: PilotSearchFlags, workshop: Workshop) -> SearchContent
         for preset in flags.presets
         for seen in flags.seen
     }
-    found = workshop.each(search_outcome, takes)
+    if flags.folders:
+        inputs = [folder / TRUTH for folder in flags.folders]
+        folders = {str(folder): str(folder) for folder in flags.folders}
+        found = workshop.each(folder_outcome, folders, inputs)
+    else:
+        found = workshop.each(search_outcome, takes)
     return SearchContent([SearchOutcome(**fields) for fields in found.values()])
 
 
 def search_blocks(results: Mapping[str, Results[SearchContent]]) -> dict[str, str]:
-    """Show the table, and where displays were not found."""
+    """Show how often displays were found, and where the time went where they were to be found."""
     outcomes = results["pilot_search"].content.outcomes
-    missed = [
-        f"Not found: {o.preset}, film {o.number}, {o.view_deg:.0f}°, coverage {o.coverage:.2f}."
-        for o in outcomes
-        if o.seen == "display" and not o.right
-    ]
-    return {"pilot_search": "\n\n".join([search_table(outcomes).markdown(), *missed])}
+    simulated = [o for o in outcomes if o.view_deg is not None]
+    tables = [search_table(simulated)] if simulated else []
+    tables.append(stages_table([o for o in outcomes if o.seen in SHOWN]))
+    return {"pilot_search": "\n\n".join(table.markdown() for table in tables)}
 
 
 STUDY = Study(

@@ -30,7 +30,6 @@ from receiver.pilots.code import CodeSearch, clocks_tried
 from receiver.pilots.search.all_blocks import block_maps
 from receiver.pilots.search.parts import COARSE_SIZE, rough_series, shifted_togglings
 from receiver.pilots.search.pilot_search import PilotSearch
-from receiver.pilots.search.proposals import inset
 from receiver.pilots.toggling import CodedToggling, find_toggling, over_deviation
 from receiver.receiver import Receiver
 
@@ -160,14 +159,6 @@ def test_clocks_are_tried_at_shifts_of_a_display(port: Port) -> None:
         assert one.clock.period == other.clock.period == 0.5
         apart = [each.number(12.0) - clock.number(12.0) for each in (one.clock, other.clock)]
         assert np.abs((np.array(apart) + 63) % 126 - 63).max() <= 1
-
-
-@pytest.mark.parametrize("share", [0.0, 0.02])
-def test_a_frame_around_a_display_is_left_out(share: float, port: Port) -> None:
-    quad = np.array([[100.0, 50.0], [500.0, 90.0], [480.0, 400.0], [120.0, 380.0]])
-    found = np.array(port("receiver/pilots/search/proposals.js").inset(quad.tolist(), share))
-    same(found, inset(quad, share), FLOAT64)
-    assert (np.abs(found - quad).max() > 1) == (share > 0)
 
 
 def first_found(search, images):

@@ -20,7 +20,7 @@ from link.pilot_code import PLAIN
 from link.types import Corners, Image
 from receiver.pilots.search.film import HeldFrame
 from receiver.pilots.search.settle import Detection
-from receiver.pilots.search.watch import NEXT_FRAME, Watch
+from receiver.pilots.search.watch import NEXT_FRAME, Observer, Watch
 from receiver.pilots.search.window_search import ANY_TURN, Search, WindowSearch
 
 WINDOWS = 2
@@ -57,15 +57,18 @@ class PilotSearch:
     Args:
         layouts: layouts that are looked for, at least one, each with pilots.
         fps: nominal number of frames of the camera in a second; some may be missing.
+        observer: takes what becomes of each place that is tried, if anybody asks.
 
     Raises:
         InputError: a layout has no pilots.
     """
 
-    def __init__(self, layouts: Sequence[Layout], fps: float = 30.0) -> None:
+    def __init__(
+        self, layouts: Sequence[Layout], fps: float = 30.0, observer: Observer | None = None
+    ) -> None:
         if not layouts or any(layout.pilots == 0 for layout in layouts):
             raise InputError("layouts: need at least one, each with pilots")
-        self.layouts, self._fps = tuple(layouts), fps
+        self.layouts, self._fps, self._observer = tuple(layouts), fps, observer
         self._steps = max(1, round(STEPS_HZ / fps))
         self._coded = any(layout.code != PLAIN for layout in layouts)
         self.picture_moves = False
@@ -122,9 +125,10 @@ class PilotSearch:
             self._fps,
             picture_moves=self.picture_moves or any(w.is_doubtful for w in self._windows),
             longer=2 if number and self._coded else 1,
+            observer=self._observer,
         )
         turns = (ANY_TURN[(number - 1) % 2],) if number else ANY_TURN
-        window = WindowSearch(watch, self.layouts, turns)
+        window = WindowSearch(watch, self.layouts, turns, is_alone=not self._windows)
         self._windows[window] = window.steps()
         self.picture_moves = False
 

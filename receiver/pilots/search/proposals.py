@@ -1,14 +1,13 @@
 """Where a display may be, what it may show, and how surely its pilots toggle there."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.geometry import frame_corners, homography_from_corners, transform
 from link.images import as_gray
 from link.layout import Layout
 from link.pilot_code import PLAIN
@@ -22,7 +21,7 @@ from receiver.pilots.search.bars import without_bars
 from receiver.pilots.search.film import HeldFrame, positions
 from receiver.pilots.search.parts import COARSE_SIZE, coarse_shift, rough_series, shifted_togglings
 from receiver.pilots.search.watch import Watch
-from receiver.pilots.toggling import TogglePattern, Wave, find_toggling, over_deviation
+from receiver.pilots.toggling import TogglePattern, Wave, find_toggling
 
 CANDIDATES = 6
 """Number of quadrilaterals that are made of the edges of an image. It bounds the work; chosen by
@@ -42,17 +41,9 @@ LEAVING = 2
 """Number of the first of these quadrilaterals that are weighed coarsely, too. It bounds the work;
 chosen by hand."""
 STRONGEST = 2
-"""Number of quadrilaterals, those of the strongest edges, that the pilots are fitted to before most
-others are weighed coarsely; the strongest one of faint edges is another. It bounds the work; chosen
-by hand."""
-CLEAREST = 2
-"""Number of quadrilaterals, those of most coarse evidence, that the pilots are fitted to at last.
-It bounds the work; chosen by hand."""
-FRAME_SHARE = 0.02
-"""Width of a frame around the display, as a share of the display's sides: edges may be those of the
-frame, so quadrilaterals within them are weighed coarsely, too. Chosen by hand."""
-UPRIGHT_OR_NOT = 0, 2
-"""Quarter turns after which a quadrilateral may be seen as it was filmed, or upside down."""
+"""Number of quadrilaterals, those of the strongest edges, that the pilots are fitted to once
+all frames have been watched; the strongest one of faint edges is another. It bounds the work;
+chosen by hand."""
 STATES_HZ = (15.0, 30.0, 60.0, 120.0)
 """Numbers of states a second at which what toggles is outlined; where edges bound the display, it
 is found at any rate. Panels show states at whole parts of 60 and 120 Hz."""
@@ -109,20 +100,6 @@ def weigh(
     return find_toggling(values, proposal.layout, positions(frames), fps)
 
 
-def shift_of_parts(
-    proposal: Proposal, views: NDArray[np.float32], at: Sequence[float]
-) -> tuple[Array, int] | None:
-    """Find where the parts of a proposal lie that toggle as it says, as `coarse_shift` returns it.
-
-    Args:
-        proposal: where a display may be, and how it may toggle.
-        views: (T, h, w) maps of it in frames.
-        at: (T,) positions of the frames.
-    """
-    line = proposal.toggling.amplitudes(over_deviation(views), at)
-    return coarse_shift(line, expected_changes(proposal.layout), proposal.layout)
-
-
 class Proposer:
     """Proposes where the display may be in a film, and what it may show.
 
@@ -140,7 +117,6 @@ class Proposer:
         self._finest = finest.cols, finest.rows
         periods = (np.array(STATES_HZ) / 2 / watch.fps) % 1
         self._frequencies = sorted({float(f) for f in np.minimum(periods, 1 - periods) if f > 0})
-        self._coarse: dict[bytes, tuple[float, Proposal, Array]] = {}
         self._kept: dict[tuple[bytes, int], PilotsSeen] = {}
         self.partly_seen: list[Corners] = []
         """Quadrilaterals, pixels of the reference, that may bound a display which is partly in
@@ -152,7 +128,7 @@ class Proposer:
         strongest = [candidate.corners for candidate in display_candidates(reference, CANDIDATES)]
         yield 2  # it took as long as two other steps
         gray = as_gray(reference)
-        found = [within for quad in strongest if (within := without_bars(gray, quad)) is not None]
+        found = [within for quad in strongest for within in without_bars(gray, quad)]
         pictures = np.reshape(found, (-1, 4, 2))  # (N, 4, 2), N may be 0
         same_px = SAME_PLACE * max(gray.shape)
         kept = distinct(pictures, -np.arange(len(found), dtype=float), CANDIDATES, same_px)
@@ -204,9 +180,7 @@ class Proposer:
         for turn in turns:
             values = self.pilots_seen(quad, turn, count)
             ways.append(self._likeliest(np.roll(quad, -turn, axis=0), values, self._layouts))
-        likeliest = max(ways, key=lambda way: way[0])
-        self._coarse[quad.tobytes()] = *likeliest, quad
-        return likeliest
+        return max(ways, key=lambda way: way[0])
 
     def pilots_seen(self, quad: Array, turn: int, count: int | None = None) -> PilotsSeen:
         """Measure what may be pilots in small views of a quadrilateral.
@@ -225,10 +199,6 @@ class Proposer:
         values += [_pilots_in(view, self._layouts) for view in views]
         return values
 
-    def weighed_coarsely(self) -> list[tuple[float, Proposal, Array]]:
-        """List what was seen last of each quadrilateral (`weigh_coarsely`), the clearest first."""
-        return sorted(self._coarse.values(), key=lambda seen: -seen[0])
-
     def likeliest_in(self, corners: Array, layouts: Sequence[Layout]) -> tuple[float, Proposal]:
         """Choose the layout, either side up, that is likeliest in small views of corners."""
         views = self._watch.map.views(self._watch.places(corners), *self._finest)
@@ -245,50 +215,29 @@ class Proposer:
             found.append((evidence, Proposal(np.roll(corners, -half, axis=0), layout, toggling)))
         return max(found, key=lambda each: each[0])
 
-    def first_fit(
-        self, quad: Array, turns: Sequence[int] = UPRIGHT_OR_NOT
-    ) -> Steps[Proposal | None]:
+    def first_fit(self, quad: Array) -> Steps[Proposal | None]:
         """Fit every layout to a quadrilateral that may be far off, in steps.
 
         Args:
-            quad: (4, 2) pixels of the reference frame.
-            turns: quarter turns after which it is tried, of 0 and 2: upright and upside down.
+            quad: (4, 2) pixels of the reference frame, the displayed picture's top left first.
 
         Returns:
-            what fits best after a shift from far and another from near, or None where nothing does.
+            what fits best after a shift from far, or None where nothing does.
         """
         views = self._watch.map.views(self._watch.places(quad), *COARSE_SIZE).astype(np.float32)
         at = positions(self._watch.frames)
-        waves = [Wave(frequency) for frequency in self._frequencies]
         best: tuple[int, Proposal] | None = None
         for layout in self._layouts:
-            plain = layout.code == PLAIN
             series, blocks = rough_series(views, layout), expected_changes(layout)
-            ways: list[tuple[TogglePattern, NDArray[np.complex64]]] = []
-            if plain:
-                ways = [(wave, wave.amplitudes(series, at)) for wave in waves]
-            for turn in turns:
-                shown = blocks[::-1, ::-1] if turn else blocks
-                if not plain:
-                    shifted = shifted_togglings(series, shown, layout, at, self._fps)
-                    ways = [(way, way.amplitudes(series, at)) for way in shifted]
-                for toggling, line in ways:
-                    fit = coarse_shift(line, shown, layout, far=True)
-                    if fit is not None and (best is None or fit[1] > best[0]):
-                        corners = np.roll(moved_corners(quad, fit[0], layout), -turn, axis=0)
-                        best = fit[1], Proposal(corners, layout, toggling)
-                if turn == turns[-1] or not plain:  # clocks take time of their own
-                    yield 1
-        return None if best is None else self._fitted_again(best[1], at)
-
-    def _fitted_again(self, proposal: Proposal, at: Sequence[float]) -> Proposal:
-        """Move corners that were fitted from far once more, in frames at these positions."""
-        layout, places = proposal.layout, self._watch.places(proposal.corners)
-        views = self._watch.map.views(places, *COARSE_SIZE)[: len(at)].astype(np.float32)
-        fit = shift_of_parts(proposal, views, at)
-        if fit is None:
-            return proposal
-        return replace(proposal, corners=moved_corners(proposal.corners, fit[0], layout))
+            ways: Sequence[TogglePattern] = [Wave(frequency) for frequency in self._frequencies]
+            if layout.code != PLAIN:
+                ways = shifted_togglings(series, blocks, layout, at, self._fps)
+            for toggling in ways:
+                fit = coarse_shift(toggling.amplitudes(series, at), blocks, layout, far=True)
+                if fit is not None and (best is None or fit[1] > best[0]):
+                    best = fit[1], Proposal(moved_corners(quad, fit[0], layout), layout, toggling)
+            yield 1
+        return None if best is None else best[1]
 
 
 def _pilots_in(view: Gray, layouts: Sequence[Layout]) -> list[NDArray[np.float32]]:
@@ -306,14 +255,3 @@ def _without_details(gray: Gray, side: int, ways: Sequence[int]) -> Gray:
     for way in ways:
         gray = np.asarray(cv2.morphologyEx(gray, way, square), np.uint8)
     return gray
-
-
-def inset(quad: Array, share: float) -> Array:
-    """Move the corners (4, 2) of a display inwards, along each of its sides by a share of it.
-
-    >>> outline = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 50.0], [0.0, 50.0]])
-    >>> inset(outline, 0.02).round(6).tolist()
-    [[2.0, 1.0], [98.0, 1.0], [98.0, 49.0], [2.0, 49.0]]
-    """
-    H_captured_from_unit = homography_from_corners(quad, 1, 1)
-    return transform(H_captured_from_unit, (1 - 2 * share) * frame_corners(1, 1))

@@ -13,14 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.layout import Layout
+from link.pilots import expected_changes
 from link.steps import Steps
 from link.types import Array
 from receiver.pilots.motion import moved_corners
 from receiver.pilots.search.all_blocks import BlockFit, block_fit, block_maps
 from receiver.pilots.search.film import HeldFrame, positions, rectified_views
-from receiver.pilots.search.parts import COARSE_SIZE, MANY
-from receiver.pilots.search.proposals import Proposal, shift_of_parts, weigh
+from receiver.pilots.search.parts import COARSE_SIZE, MANY, coarse_shift
+from receiver.pilots.search.proposals import Proposal, weigh
 from receiver.pilots.search.watch import NEXT_FRAME, Watch
+from receiver.pilots.toggling import over_deviation
 
 SURE, SURE_SHARE = 16.0, 0.5
 """Detection threshold: the smallest evidence, after paying for everything that was tried, at which
@@ -107,6 +109,7 @@ def verify(
         best = replace(fitted, toggling=toggling)
     else:
         best, known, fit = replace(start, toggling=toggling), {}, None
+    watch.tell("verified", best.corners, evidence)
     if evidence < min(CERTAIN, CERTAIN_SHARE * layout.pilots):
         confirmed = yield from _confirmed(best, evidence, frames, used, watch, known)
         if confirmed is None:
@@ -185,7 +188,8 @@ def _by_parts(proposal: Proposal, frames: Sequence[HeldFrame]) -> Steps[Array]:
         views = rectified_views(corners, layout, frames, COARSE_SIZE)
         if views is None:
             break
-        fit = shift_of_parts(proposal, views, positions(frames))
+        line = proposal.toggling.amplitudes(over_deviation(views), positions(frames))
+        fit = coarse_shift(line, expected_changes(layout), layout)
         yield 1
         if fit is None:
             break

@@ -1,6 +1,7 @@
 """Watch a film from a reference frame on: what a search for a display by its pilots looks at."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -31,6 +32,25 @@ HELD_S, LEAST_HELD = 0.5, 35
 that is found is read in them, too. They bound the memory; chosen by hand."""
 
 
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """What a search made of a place where a display may be."""
+
+    stage: str
+    """What was done: ``weighed`` coarsely, ``verifying`` once that brought enough evidence, or
+    ``verified`` where nothing is missing but later frames that agree, and the clock."""
+    corners: Corners
+    """The place, pixels of the reference frame; any corner may come first."""
+    time: float
+    """Time of the reference frame, seconds."""
+    evidence: float
+    """Evidence of a display there, of which its price is paid where it was verified."""
+
+
+Observer = Callable[[Trial], None]
+"""Takes each trial of a search when it is made."""
+
+
 class Watch:
     """Holds the frames of a film still against the camera's motion since a reference frame.
 
@@ -40,6 +60,7 @@ class Watch:
         fps: nominal number of frames of the camera in a second; some may be missing.
         picture_moves: whether the room alone is held still, because a picture may move in it.
         longer: number of times the usual number of frames that are watched.
+        observer: takes what the search tells of each place that it tries, if anybody asks.
     """
 
     def __init__(
@@ -50,7 +71,9 @@ class Watch:
         *,
         picture_moves: bool,
         longer: int = 1,
+        observer: Observer | None = None,
     ) -> None:
+        self._observer = observer
         self.reference, self.picture_moves = reference, picture_moves
         gray = as_gray(reference)
         self.first = HeldFrame(gray, np.eye(3), 0.0, time)
@@ -84,6 +107,11 @@ class Watch:
     def held(self) -> list[HeldFrame]:
         """The newest frames of all."""
         return (self._kept or [self.first])[-self._held :]
+
+    def tell(self, stage: str, corners: Corners, evidence: float) -> None:
+        """Tell the observer what was made of corners; `Trial` says what the arguments are."""
+        if self._observer is not None:
+            self._observer(Trial(stage, corners, self.first.time, evidence))
 
     def take(self, gray: Gray, time: float) -> bool:
         """Hold the next frame still, and keep it where it still shows enough of the reference.

@@ -5,8 +5,8 @@ the pilots fit the grid, and a display is detected if its blocks toggle with the
 (`settle.verify`). That also tells which way up it is and which of several grids it shows.
 """
 
-from collections.abc import Sequence
-from itertools import islice, product
+from collections.abc import Iterator, Sequence
+from itertools import product
 
 import numpy as np
 
@@ -14,15 +14,10 @@ from link.layout import Layout
 from link.steps import Steps
 from link.types import Array
 from receiver.pilots.search.proposals import (
-    CANDIDATES,
-    CLEAREST,
-    FRAME_SHARE,
     PROMISING,
     STRONGEST,
-    UPRIGHT_OR_NOT,
     Proposal,
     Proposer,
-    inset,
     weigh,
 )
 from receiver.pilots.search.settle import HINT, Detection, verify
@@ -48,15 +43,19 @@ class WindowSearch:
         watch: the film, of which the reference frame has come.
         layouts: those that may be shown.
         turns: quarter turns after which quadrilaterals are tried that are proposed late.
+        is_alone: whether no other window is searched while the frames come.
     """
 
-    def __init__(self, watch: Watch, layouts: Sequence[Layout], turns: Sequence[int]) -> None:
-        self.watch, self._turns = watch, turns
+    def __init__(
+        self, watch: Watch, layouts: Sequence[Layout], turns: Sequence[int], *, is_alone: bool
+    ) -> None:
+        self.watch, self._turns, self._is_alone = watch, turns, is_alone
+        self._faint: list[Array] = []
         self._proposer = Proposer(watch, layouts)
         self.most_evidence = 0.0
         """Largest evidence of a quadrilateral so far, before the number of trials is taken off."""
         self.is_late = False
-        """Whether all edges have been weighed coarsely, in all frames that are watched."""
+        """Whether edges have been weighed coarsely in all frames that are watched."""
         self.waiting: list[Search] = []
         """Verifications that have waited for a frame, or wait for one."""
 
@@ -88,53 +87,49 @@ class WindowSearch:
         """Look for the display in the film that follows the reference.
 
         Edges are weighed coarsely soon and after each quarter of the window. While frames are
-        awaited then, the pilots are fitted to quadrilaterals that may bound a display of which a
-        part is in view. Once all frames have been watched, other quadrilaterals are weighed, and
-        the pilots are fitted to those that probably bound a display, if not exactly.
+        awaited then, faint edges are weighed, and the pilots are fitted to quadrilaterals that may
+        bound a display of which a part is in view; beside another window, which has the time, this
+        comes at the end. Once all frames have been watched, faint edges are weighed again, and the
+        pilots are fitted to what may bound a display, if not exactly.
         """
         watch, proposer = self.watch, self._proposer
         edges = yield from proposer.edges()
         watch.surround(edges[:SURROUNDED])
-        partly_seen, upright = iter(proposer.partly_seen), UPRIGHT_OR_NOT[:1]
-        count, seen = watch.soon, 0
+        aside, count, seen = self._aside(), watch.soon, 0
         while seen < watch.window:
             while len(watch.frames) < min(count, watch.window):
-                leaving = [*islice(partly_seen, 1)] if seen else []
-                if found := (yield from self._fit(leaving, self._turns[:1], upright)):
+                trial = next(aside, None) if seen and self._is_alone else None
+                yield NEXT_FRAME if trial is None else 1
+                if trial is not None and (found := (yield from trial)):
                     return found
-                if not leaving:
-                    yield NEXT_FRAME
                 for quad, turn in product(edges, ANY_TURN):  # each frame does its own share
                     proposer.pilots_seen(quad, turn, len(watch.frames))
             seen = len(watch.frames)
             count = seen + watch.window // 4
             if found := (yield from self._weigh_coarsely(edges, seen)):
                 return found
-        faint: list[Array] = []
-        for quads in proposer.faint_edges():
-            yield 1
-            faint += quads
-            if found := (yield from self._weigh_coarsely(quads)):
-                return found
-        self.is_late = True
-        if found := (yield from self._fit([*partly_seen], self._turns[:1], upright)):
+        if found := (yield from self._weigh_coarsely(self._faint)):
             return found
-        strongest = [*edges[:STRONGEST], *faint[:1]]
-        if found := (yield from self._fit(strongest, self._turns)):
+        self.is_late = True
+        for trial in aside:
+            yield 1
+            if found := (yield from trial):
+                return found
+        every_turn = [turn + half for turn in self._turns for half in (0, 2)]
+        if found := (yield from self._fit([*edges[:STRONGEST], *self._faint[:1]], every_turn)):
             return found
         outlines = yield from proposer.outlines()
-        framed = [inset(quad, FRAME_SHARE) for quad in (*edges, *faint[:CANDIDATES])]
-        if found := (yield from self._weigh_coarsely([*outlines, *framed])):
+        if found := (yield from self._weigh_coarsely(outlines)):
             return found
-        weighed = proposer.weighed_coarsely()
-        for evidence, proposal, _ in weighed:  # those more promising have been verified
-            if not HINT < evidence <= PROMISING:
-                continue
-            if found := (yield from self._weigh_and_verify(proposal)):
-                return found
-        tried = {id(quad) for quad in strongest}
-        clearest = [quad for _, _, quad in weighed if id(quad) not in tried][:CLEAREST]
-        return (yield from self._fit([*clearest, *outlines], self._turns))
+        return (yield from self._fit(outlines, every_turn))
+
+    def _aside(self) -> Iterator[Search]:
+        """List what is tried while frames are awaited: faint edges, and displays partly in view."""
+        for quads in self._proposer.faint_edges():
+            self._faint += quads
+            yield self._weigh_coarsely(quads)
+        for quad in self._proposer.partly_seen:
+            yield self._fit([quad], self._turns[:1])
 
     def _weigh_coarsely(self, quads: Sequence[Array], count: int | None = None) -> Search:
         """Weigh quadrilaterals coarsely, and verify each that is promising.
@@ -146,27 +141,26 @@ class WindowSearch:
         turns = self._turns if count is None else ANY_TURN
         for number, quad in enumerate(quads):
             evidence, proposal = self._proposer.weigh_coarsely(quad, turns, count)
+            self.watch.tell("weighed", quad, evidence)
             if evidence > PROMISING and (found := (yield from self._weigh_and_verify(proposal))):
                 return found
             if number % WEIGHED_AT_ONCE == WEIGHED_AT_ONCE - 1:
                 yield 1
         return None
 
-    def _fit(
-        self, quads: Sequence[Array], turns: Sequence[int], ways: Sequence[int] = UPRIGHT_OR_NOT
-    ) -> Search:
+    def _fit(self, quads: Sequence[Array], turns: Sequence[int]) -> Search:
         """Fit the pilots to quadrilaterals, and verify each fit that is a hint.
 
         Args:
             quads: (4, 2) pixels of the reference frame each, the likeliest first.
             turns: quarter turns after which each is tried.
-            ways: more turns: as it is then seen, and maybe upside down.
         """
         for quad, turn in product(quads, turns):
-            fit = yield from self._proposer.first_fit(np.roll(quad, -turn, axis=0), ways)
+            fit = yield from self._proposer.first_fit(np.roll(quad, -turn, axis=0))
             if fit is None:
                 continue
             evidence, _ = self._proposer.likeliest_in(fit.corners, [fit.layout])
+            self.watch.tell("weighed", fit.corners, evidence)
             yield 1
             if evidence > HINT and (found := (yield from self._verify(fit, evidence))):
                 return found
@@ -180,6 +174,7 @@ class WindowSearch:
 
     def _verify(self, proposal: Proposal, evidence: float) -> Search:
         """Verify a proposal with this evidence in all frames so far, before it pays."""
+        self.watch.tell("verifying", proposal.corners, evidence)
         self.most_evidence = max(self.most_evidence, evidence)
         return (yield from self._go_on(verify(proposal, evidence, self.watch)))
 

@@ -144,8 +144,8 @@ export class PilotSearch {
     const turns = number === 0 ? ANY_TURN : [ANY_TURN[(number - 1) % 2]];
     const moves = this.pictureMoves || this.#windows.some(({ isDoubtful }) => isDoubtful);
     const watch = new Watch(gray, time, this.fps, moves, longer);
-    const isEager = this.#isLive && number === 0;
-    this.#windows.push(new WindowSearch(watch, this.layouts, turns, isEager));
+    const isAlone = this.#windows.length === 0;
+    this.#windows.push(new WindowSearch(watch, this.layouts, turns, isAlone));
     this.pictureMoves = false;
   }
 

@@ -4,11 +4,9 @@ import {
   receiverPilotsSearchProposals, receiverPilotsSearchWatch,
 } from "../../../../generated/constants.js";
 import { equalised, withoutDetails } from "../../../image/levels.js";
-import { frameCorners, homographyFromCorners, transform } from "../../../link/geometry.js";
 import { candidateSteps, leavingSteps } from "../../locate/candidates.js";
 import { distinct, rolled } from "../../locate/quads.js";
 import { movedCorners } from "../motion.js";
-import { overDeviation } from "../signal.js";
 import { expectedChanges, picked, pilotValues, standingOut } from "../../../link/pilots.js";
 import { Wave, findToggling } from "../toggling.js";
 import { withoutBars } from "./bars.js";
@@ -18,10 +16,9 @@ import { COARSE_SIZE, coarseShift, roughSeries, shiftedTogglings } from "./parts
 /** @typedef {import("./film.js").HeldFrame} HeldFrame */
 /** @typedef {import("./watch.js").Watch} Watch */
 
-export const { CANDIDATES, CLEAREST, STRONGEST, FRAME_SHARE, PROMISING, UPRIGHT_OR_NOT } =
-  receiverPilotsSearchProposals;
+export const { STRONGEST, PROMISING } = receiverPilotsSearchProposals;
 const {
-  LEAVING, PARTLY_SEEN, BRIGHT_PX, DARK_PX, STATES_HZ, SAME_PLACE,
+  CANDIDATES, LEAVING, PARTLY_SEEN, BRIGHT_PX, DARK_PX, STATES_HZ, SAME_PLACE,
 } = receiverPilotsSearchProposals;
 
 export const { NEXT_FRAME } = receiverPilotsSearchWatch;
@@ -102,8 +99,6 @@ export class Proposer {
   #finest;
   /** Frequencies at which displays may toggle, in periods for each nominal frame. */
   #frequencies;
-  /** @type {Map<Point[], Glance>} */
-  #glances = new Map();
   /** What is kept of quadrilaterals (`#pilotsSeen`), by turn. @type {Map<Point[], PilotsSeen[]>} */
   #kept = new Map();
 
@@ -131,8 +126,7 @@ export class Proposer {
     const { reference } = this.#watch;
     const strongest = yield* candidateSteps(reference, CANDIDATES);
     this.partlySeen = yield* leavingSteps(reference, PARTLY_SEEN);
-    const found = strongest.map((quad) => withoutBars(reference, quad));
-    const pictures = found.filter((quad) => quad !== null);
+    const pictures = strongest.flatMap((quad) => withoutBars(reference, quad));
     const samePx = SAME_PLACE * Math.max(reference.width, reference.height);
     const kept = distinct(pictures, pictures.map((_, at) => -at), CANDIDATES, samePx);
     yield BARS_WORK;
@@ -172,9 +166,7 @@ export class Proposer {
       ways.push(this.#surest(rolled(quad, turn), values, this.#layouts));
       yield GLANCE_WORK / 2;
     }
-    const surest = surestOf(ways);
-    this.#glances.set(quad, surest);
-    return surest;
+    return surestOf(ways);
   }
 
   /**
@@ -195,11 +187,6 @@ export class Proposer {
     const views = this.#watch.map.views(places, cols, rows, turn, values.length);
     values.push(...pilotsIn(views, this.#layouts));
     return values;
-  }
-
-  /** List what was seen last of each quadrilateral (`glanceSteps`), the clearest first. */
-  glances() {
-    return [...this.#glances].sort(([, one], [, other]) => other.evidence - one.evidence);
   }
 
   /**
@@ -234,77 +221,58 @@ export class Proposer {
   }
 
   /**
-   * Show the mean of all frames, its histogram made even: as it is, and twice without details, whose
-   * edges would hide those of the display.
+   * Propose quadrilaterals in the mean of all frames, its histogram made even: as it is, and twice
+   * without details, whose edges would hide those of the display.
+   *
+   * @returns {Generator<Steps<Point[][]>>} what finds those of each, the strongest first
    */
-  *evenMeans() {
+  *faintEdges() {
     const mean = this.#watch.map.mean();
-    yield equalised(mean);
-    yield equalised(withoutDetails(mean, BRIGHT_PX, true));
-    yield equalised(withoutDetails(mean, DARK_PX, false));
+    yield this.#edgesOf(equalised(mean));
+    yield this.#edgesOf(equalised(withoutDetails(mean, BRIGHT_PX, true)));
+    yield this.#edgesOf(equalised(withoutDetails(mean, DARK_PX, false)));
+  }
+
+  /**
+   * Propose quadrilaterals of edges in a still.
+   *
+   * @param {BytePlane} still
+   */
+  *#edgesOf(still) {
+    const found = yield* candidateSteps(still, CANDIDATES);
+    return found.map((edge) => this.#watch.onImage(edge));
   }
 
   /**
    * Fit every layout to a quadrilateral that may be far off.
    *
-   * @param {Point[]} quad
-   * @param {readonly number[]} turns - quarter turns after which it is tried, of 0 and 2: upright
-   *   and upside down
-   * @returns {Steps<Proposal | null>} what fits best after a shift from far and another from near,
-   *   or null where nothing does
+   * @param {Point[]} quad - the displayed picture's top left first
+   * @returns {Steps<Proposal | null>} what fits best after a shift from far, or null where nothing
+   *   does
    */
-  *firstFit(quad, turns) {
+  *firstFit(quad) {
     const views = this.#watch.views(quad, ...COARSE_SIZE);
     yield GLANCE_WORK;
     const at = positions(this.#watch.frames);
-    const waves = this.#frequencies.map((frequency) => new Wave(frequency));
     let most = 0;
     let best = null;
     for (const layout of this.#layouts) {
-      const { isPlain } = layout.code;
       const series = roughSeries(views, layout);
-      const measured = (/** @type {Toggling} */ toggling) => {
-        return { toggling, line: toggling.amplitudes(series.frames, at, series.size) };
-      };
-      let ways = isPlain ? waves.map(measured) : [];
       yield ROUGH_WORK;
       const blocks = expectedChanges(layout);
-      for (const turn of turns) {
-        const shown = turn ? blocks.slice().reverse() : blocks;
-        if (!isPlain) {
-          const { fps } = this.#watch;
-          ways = (yield* shiftedTogglings(series, shown, layout, at, fps)).map(measured);
-        }
-        for (const { toggling, line } of ways) {
-          const fit = coarseShift(line, shown, layout, true);
-          yield FIT_WORK;
-          if (fit === null || fit.parts <= most) continue;
-          most = fit.parts;
-          const corners = rolled(movedCorners(quad, fit.HOldFromNew, layout), turn);
-          best = { corners, layout, toggling };
-        }
+      const ways = layout.code.isPlain
+        ? this.#frequencies.map((frequency) => new Wave(frequency))
+        : yield* shiftedTogglings(series, blocks, layout, at, this.#watch.fps);
+      for (const toggling of ways) {
+        const line = toggling.amplitudes(series.frames, at, series.size);
+        const fit = coarseShift(line, blocks, layout, true);
+        yield FIT_WORK;
+        if (fit === null || fit.parts <= most) continue;
+        most = fit.parts;
+        best = { corners: movedCorners(quad, fit.HOldFromNew, layout), layout, toggling };
       }
     }
-    if (best === null) return null;
-    yield GLANCE_WORK;
-    return this.#fittedAgain(best, at);
-  }
-
-  /**
-   * Move corners that were fitted from far once more, in frames at these positions.
-   *
-   * @param {Proposal} proposal
-   * @param {number[]} at
-   * @returns {Proposal}
-   */
-  #fittedAgain(proposal, at) {
-    const { corners, layout, toggling } = proposal;
-    const views = this.#watch.views(corners, ...COARSE_SIZE).slice(0, at.length);
-    const series = overDeviation(views.map((view) => view.data));
-    const line = toggling.amplitudes(series, at, COARSE_SIZE);
-    const fit = coarseShift(line, expectedChanges(layout), layout);
-    if (fit === null) return proposal;
-    return { ...proposal, corners: movedCorners(corners, fit.HOldFromNew, layout) };
+    return best;
   }
 }
 
@@ -328,16 +296,4 @@ function pilotsIn(views, layouts) {
 /** Choose the glance of most evidence. @param {Glance[]} found @returns {Glance} */
 function surestOf(found) {
   return found.reduce((best, each) => (each.evidence > best.evidence ? each : best));
-}
-
-/**
- * Move the corners of a display inwards, along each of its sides by a share of it.
- *
- * @param {Point[]} quad
- * @param {number} share
- */
-export function inset(quad, share) {
-  const left = 1 - 2 * share;
-  const inner = frameCorners(1, 1).map(([x, y]) => /** @type {Point} */ ([left * x, left * y]));
-  return transform(homographyFromCorners(quad, 1, 1), inner);
 }

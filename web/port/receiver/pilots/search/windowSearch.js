@@ -7,11 +7,9 @@
  */
 
 import { receiverPilotsSearchWindowSearch } from "../../../../generated/constants.js";
-import { candidateSteps } from "../../locate/candidates.js";
 import { rolled } from "../../locate/quads.js";
 import {
-  CANDIDATES, CLEAREST, FRAME_SHARE, GLANCE_WORK, NEXT_FRAME, PROMISING, Proposer, STRONGEST,
-  UPRIGHT_OR_NOT, inset, weighSteps,
+  GLANCE_WORK, NEXT_FRAME, PROMISING, Proposer, STRONGEST, weighSteps,
 } from "./proposals.js";
 import { HINT, settleSteps } from "./settle.js";
 
@@ -27,11 +25,13 @@ const SURROUND_WORK = 10;
 /** Looks for a display in the frames that follow a reference frame. */
 export class WindowSearch {
   #proposer;
-  #isEager;
+  #isAlone;
   #turns;
+  /** Quadrilaterals of faint edges. @type {Point[][]} */
+  #faint = [];
   /** Largest evidence of a quadrilateral so far, before it pays. */
   #surestSeen = 0;
-  /** Whether all edges have been glanced at, in all frames that are watched. */
+  /** Whether edges have been glanced at in all frames that are watched. */
   isLate = false;
   /** Whether a proposal is being settled. */
   isSettling = false;
@@ -43,14 +43,13 @@ export class WindowSearch {
    * @param {readonly Layout[]} layouts - those that may be shown
    * @param {readonly number[]} turns - quarter turns after which quadrilaterals are tried that are
    *   proposed late
-   * @param {boolean} isEager - whether faint edges are looked at after each quarter of the window
-   *   and not at its end alone, where there is nothing else to do before a camera that does not wait
+   * @param {boolean} isAlone - whether no other window is searched while the frames come
    */
-  constructor(watch, layouts, turns, isEager) {
+  constructor(watch, layouts, turns, isAlone) {
     this.watch = watch;
     this.#proposer = new Proposer(watch, layouts);
     this.#turns = turns;
-    this.#isEager = isEager;
+    this.#isAlone = isAlone;
     /** Steps of the search, each with the frames that have come so far. */
     this.steps = this.#allSteps();
   }
@@ -95,8 +94,9 @@ export class WindowSearch {
   /**
    * Look for the display in the film that follows the reference.
    *
-   * While frames are awaited, the pilots are fitted to quadrilaterals that may bound a display of
-   * which a part is in view.
+   * While frames are awaited, faint edges are glanced at, and the pilots are fitted to quadrilaterals
+   * that may bound a display of which a part is in view; beside another window, which has the time,
+   * this comes at the end.
    *
    * @returns {Steps<Settled | null>}
    */
@@ -107,50 +107,57 @@ export class WindowSearch {
     watch.surround(edges.slice(0, SURROUNDED));
     yield SURROUND_WORK;
     const quarter = Math.floor(watch.window / 4);
-    /** @type {Point[][]} */
-    let faint = [];
-    const partlySeen = [...proposer.partlySeen];
-    const upright = UPRIGHT_OR_NOT.slice(0, 1);
+    const aside = this.#aside();
     for (let count = watch.soon, seen = 0; seen < watch.window; count = seen + quarter) {
       while (watch.frames.length < Math.min(count, watch.window)) {
         for (const quad of edges) watch.places(quad, watch.frames.length); // each frame its share
-        const leaving = seen > 0 ? partlySeen.splice(0, 1) : [];
-        const found = yield* this.#fit(leaving, this.#turns.slice(0, 1), upright);
-        if (found !== null) return found;
-        if (leaving.length === 0) yield NEXT_FRAME;
+        const trial = seen > 0 && this.#isAlone ? aside.next() : null;
+        if (trial === null || trial.done) yield NEXT_FRAME;
+        else {
+          const found = yield* trial.value;
+          if (found !== null) return found;
+        }
       }
       seen = watch.frames.length;
       const found = yield* this.#glance(edges, seen);
       if (found !== null) return found;
-      if (!this.#isEager && seen < watch.window) continue;
-      faint = [];
-      for (const even of proposer.evenMeans()) {
-        const edgesOf = yield* candidateSteps(even, CANDIDATES);
-        const quads = edgesOf.map((edge) => watch.onImage(edge));
-        faint.push(...quads);
-        const soon = yield* this.#glance(quads);
-        if (soon !== null) return soon;
-      }
     }
+    const again = yield* this.#glance(this.#faint);
+    if (again !== null) return again;
     this.isLate = true;
-    const leaving = yield* this.#fit(partlySeen, this.#turns.slice(0, 1), upright);
-    if (leaving !== null) return leaving;
-    const strongest = [...edges.slice(0, STRONGEST), ...faint.slice(0, 1)];
-    const fitted = yield* this.#fit(strongest, this.#turns, UPRIGHT_OR_NOT);
-    if (fitted !== null) return fitted;
-    const outlines = yield* proposer.outlines();
-    const framed = [...edges, ...faint.slice(0, CANDIDATES)].map((quad) => inset(quad, FRAME_SHARE));
-    const later = yield* this.#glance([...outlines, ...framed]);
-    if (later !== null) return later;
-    const glances = proposer.glances();
-    for (const [, { evidence, proposal }] of glances) {
-      if (!(evidence > HINT && evidence <= PROMISING)) continue; // more promising ones are settled
-      const found = yield* this.#weighAndSettle(proposal);
+    for (const trial of aside) {
+      const found = yield* trial;
       if (found !== null) return found;
     }
-    const untried = glances.map(([quad]) => quad).filter((quad) => !strongest.includes(quad));
-    const late = [...untried.slice(0, CLEAREST), ...outlines];
-    return yield* this.#fit(late, this.#turns, UPRIGHT_OR_NOT);
+    const everyTurn = this.#turns.flatMap((turn) => [turn, turn + 2]);
+    const strongest = [...edges.slice(0, STRONGEST), ...this.#faint.slice(0, 1)];
+    const fitted = yield* this.#fit(strongest, everyTurn);
+    if (fitted !== null) return fitted;
+    const outlines = yield* proposer.outlines();
+    const outlined = yield* this.#glance(outlines);
+    return outlined ?? (yield* this.#fit(outlines, everyTurn));
+  }
+
+  /**
+   * List what is tried while frames are awaited: faint edges, and displays partly in view.
+   *
+   * @returns {Generator<Steps<Settled | null>>}
+   */
+  *#aside() {
+    for (const quads of this.#proposer.faintEdges()) yield this.#glanceOnceFound(quads);
+    for (const quad of this.#proposer.partlySeen) yield this.#fit([quad], this.#turns.slice(0, 1));
+  }
+
+  /**
+   * Glance at faint edges once they are found.
+   *
+   * @param {Steps<Point[][]>} finding
+   * @returns {Steps<Settled | null>}
+   */
+  *#glanceOnceFound(finding) {
+    const quads = yield* finding;
+    this.#faint.push(...quads);
+    return yield* this.#glance(quads);
   }
 
   /**
@@ -175,12 +182,11 @@ export class WindowSearch {
    *
    * @param {Point[][]} quads - the likeliest first
    * @param {readonly number[]} turns - quarter turns after which each is tried
-   * @param {readonly number[]} ways - more turns: as it is then seen, and maybe upside down
    */
-  *#fit(quads, turns, ways) {
+  *#fit(quads, turns) {
     for (const quad of quads) {
       for (const turn of turns) {
-        const fit = yield* this.#proposer.firstFit(rolled(quad, turn), ways);
+        const fit = yield* this.#proposer.firstFit(rolled(quad, turn));
         if (fit === null) continue;
         const { evidence } = this.#proposer.surestIn(fit.corners, fit.layout);
         yield GLANCE_WORK;
