@@ -31,7 +31,8 @@ from lab.study import Results, Study, StudyFlags, Workshop
 from link.embed import embed
 from link.errors import ParameterError, at_least, choose
 from link.geometry import frame_corners, transform
-from link.images import image_files, read_image
+from link.images import image_files
+from link.images.files import read_image
 from link.layout import Layout, make_layout
 from link.outside import read_json_lines
 from link.presets import PRESETS
