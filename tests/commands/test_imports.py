@@ -238,7 +238,7 @@ def test_every_module_that_should_imports_without_torch() -> None:
 
 
 def test_sender_and_receiver_need_the_deploy_group_alone() -> None:
-    commands = ("receiver", "receiver.locate", "sender")
+    commands = ("receiver", "receiver.locate", "receiver.bench", "sender")
     pages = ("web.__main__", "web.host.site")
     run_without(LAB_ONLY, "\n".join(f"import {name}" for name in (*commands, *pages)))
 
@@ -248,7 +248,7 @@ import os
 from importlib import import_module
 from pathlib import Path
 from link.files.lock import locked
-for name in ("receiver.__main__", "receiver.locate.__main__"):
+for name in ("receiver.__main__", "receiver.locate.__main__", "receiver.bench"):
     import_module(name)
 folder = Path(sys.argv[1])
 with locked(folder), locked(folder, "x.html"):
