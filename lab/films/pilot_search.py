@@ -20,7 +20,6 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import quantile_test
 
 from data_gen.film.scenes import SceneSettings
 from data_gen.film.stream import States, VideoSettings, film
@@ -375,13 +374,7 @@ def search_table(outcomes: Sequence[SearchOutcome]) -> Table:
             row.append(f"{right} ({low:.1%} – {high:.1%})" if seen in SHOWN else "–")
             row.append(f"{wrong} (at most {wilson(wrong, len(mine))[1]:.1%})")
             row.append(f"{np.median(times):.2f}" if times else "–")
-            off = "–"
-            if errors:
-                off = f"{np.median(errors):.2f}"
-                interval = quantile_test(errors, p=0.5).confidence_interval()
-                if np.isfinite(interval.low):  # five values and fewer bound no median
-                    off += f" ({interval.low:.2f} – {interval.high:.2f})"
-            row.append(off)
+            row.append(f"{np.median(errors):.2f}" if errors else "–")
             rows.append(row)
     heads = (
         "preset", "frames/s", "film of", "films", "found", "found wrongly", "median s",

@@ -119,8 +119,6 @@ class WindowSearch:
         if found := (yield from self._fit([*edges[:STRONGEST], *self._faint[:1]], every_turn)):
             return found
         outlines = yield from proposer.outlines()
-        if found := (yield from self._weigh_coarsely(outlines)):
-            return found
         return (yield from self._fit(outlines, every_turn))
 
     def _aside(self) -> Iterator[Search]:

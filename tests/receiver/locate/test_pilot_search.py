@@ -84,10 +84,13 @@ def test_a_search_goes_on_while_the_hand_moves_the_frame_a_little() -> None:
 
 @pytest.mark.slow
 def test_finds_a_display_that_begins_to_play_late() -> None:
-    """In the window that follows the first one, while that one is still searched."""
+    """In the window that follows the first one, while that one is still searched.
+
+    Few frames have shown it by then, so corners are found less well.
+    """
     still, _ = filmed(FINE, 40, seed=0, hold=10**6)
     images, corners = filmed(FINE, 160, seed=0)
-    number, _ = find([*still, *images[40:]], corners, [FINE])
+    number, _ = find([*still, *images[40:]], corners, [FINE], 2 * CLOSE_PX)
     assert number <= 40 + LEAST_WINDOW
 
 

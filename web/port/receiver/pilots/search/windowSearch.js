@@ -134,8 +134,7 @@ export class WindowSearch {
     const fitted = yield* this.#fit(strongest, everyTurn);
     if (fitted !== null) return fitted;
     const outlines = yield* proposer.outlines();
-    const outlined = yield* this.#glance(outlines);
-    return outlined ?? (yield* this.#fit(outlines, everyTurn));
+    return yield* this.#fit(outlines, everyTurn);
   }
 
   /**
