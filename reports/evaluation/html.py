@@ -5,8 +5,6 @@ from pathlib import Path
 
 import jinja2
 
-from reports.render.tables import difference_interval, percent, share_interval
-
 TEMPLATES = Path(__file__).parent / "templates"
 """Folder of the Jinja2 templates and of the style sheet."""
 ENVIRONMENT = jinja2.Environment(
@@ -17,12 +15,7 @@ ENVIRONMENT = jinja2.Environment(
     lstrip_blocks=True,
 )
 """Compiles the templates; every text is escaped, and a name that is not given is an error."""
-ENVIRONMENT.filters |= {
-    "percent": percent,
-    "interval": share_interval,
-    "difference_interval": difference_interval,
-    "count": "{:,}".format,
-}
+ENVIRONMENT.filters["count"] = "{:,}".format
 
 
 def render(template: str, colours: Mapping[str, str], **content: object) -> str:

@@ -33,7 +33,7 @@ from reports.render.tables import (
 from reports.run import CSV, MAX_PICTURE_BYTES, REPORT, Response, Run, RunFolder
 from reports.score.accuracy import pool
 from reports.score.paired import REFERENCES, Paired, against_references
-from reports.score.reliability import ALL, Curves, reliability_curves
+from reports.score.reliability import Curves, confidence_bins, known_scores
 
 SECTIONS = {
     "summary": "Summary",
@@ -51,8 +51,8 @@ SECTIONS = {
 for are left out."""
 MOST_FILMS = 6
 """Largest number of films that the page draws one by one."""
-MAIN, SWEPT = "main comparison", "all sweeps"
-"""Names of the two conditions whose reliability the page shows."""
+MAIN = "main comparison"
+"""Name of the condition whose reliability the page shows."""
 
 
 def write_report(folder: Path) -> Path:
@@ -104,7 +104,9 @@ def report_page(run: Run) -> str:
         settings=shown_settings(run),
         far=FAR,
         csv=CSV,
-        reliability_charts=reliability_charts(curves),
+        reliability_chart=to_svg(reliability_figure(curves, [MAIN]), "Reliability")
+        if curves
+        else None,
         reliability_bits=SHOWN_BITS,
         response_errors=exhibits.response_table(run.responses),
         picture=lambda file: picture_data(run.folder, file),
@@ -180,39 +182,11 @@ def sweep_charts(
     ]
 
 
-def llr_curves(run: Run) -> Curves | None:
-    """Bins of confidence of the methods whose scores are log-likelihood ratios, if there are any.
-
-    A condition in which one of them has no known bit is left out.
-    """
-    swept = run.swept.assign(condition=SWEPT)
-    records = pd.concat([run.records.assign(condition=MAIN), swept], ignore_index=True)
-    records = records[records["known"] > 0]
-    present = set(records["method"])
-    methods = [m for m in run.methods if m in present and m in DECODERS and DECODERS[m].llr]
-    whole = [
-        name
-        for name, part in records.groupby("condition", sort=False)
-        if methods and set(methods) <= set(part["method"])
-    ]
-    if not whole:
-        return None
-    return reliability_curves(records[records["condition"].isin(whole)], methods)
-
-
-def reliability_charts(curves: Curves | None) -> list[Markup]:
-    """A diagram of each condition, unless it would show one dot of each method alone."""
-    if curves is None:
-        return []
-    names = [name for name in next(iter(curves.values())) if name != ALL]
-    return [
-        to_svg(reliability_figure(curves, [name]), f"Reliability, {name}")
-        for name in names
-        if any(
-            sum(b.count >= SHOWN_BITS for b in by_condition[name]) > 1
-            for by_condition in curves.values()
-        )
-    ]
+def llr_curves(run: Run) -> Curves:
+    """Bins of confidence of the methods whose scores are log-likelihood ratios, by method."""
+    known = set(run.records.loc[run.records["known"] > 0, "method"])
+    methods = [m for m in run.methods if m in known and m in DECODERS and DECODERS[m].llr]
+    return {m: {MAIN: confidence_bins(*known_scores(run.records, m))} for m in methods}
 
 
 def response_charts(responses: Sequence[Response]) -> list[tuple[Response, Markup]]:

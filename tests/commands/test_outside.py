@@ -27,7 +27,7 @@ from reports.captured.sent import read_settings
 from reports.engine.digest import ROOT
 from reports.run import RunFolder
 
-FILES = ("run.json", "predictions.jsonl", "metrics.json", "stories.json", "config.json")
+FILES = ("run.json", "predictions.jsonl", "stories.json", "config.json")
 
 
 @pytest.fixture
@@ -51,7 +51,6 @@ def test_a_whole_run_is_read(run: Path) -> None:
 
 @cases(
     ("run.json", "[" * 10**5, "32 deep"),
-    ("metrics.json", "9" * 5000, "64 digits"),
     ("stories.json", "[NaN]", "finite"),
     ("predictions.jsonl", "{}\n", "line 1, method"),
     ("predictions.jsonl", "\xff", "not"),

@@ -17,7 +17,7 @@ from reports.evaluation.versus import compare_runs
 from reports.run import Run
 
 JSON = (
-    "run.json", "metrics.json", "predictions.jsonl", "sweeps.jsonl", "stories.json",
+    "run.json", "predictions.jsonl", "sweeps.jsonl", "stories.json",
     "response.json",
 )  # fmt: skip
 """Files that --report reads."""
@@ -70,7 +70,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-CHARTS = ("reliability_charts", "response_charts", "sweep_charts")
+CHARTS = ("response_charts", "sweep_charts")
 FINDINGS = ("ranked_comparisons",)
 
 
@@ -153,7 +153,7 @@ def test_a_whole_run_is_shown(shown: Callable[..., bool]) -> None:
 
 @pytest.mark.parametrize("name", [slow(n) if n == "stories.json" else n for n in SOME])
 def test_a_file_of_other_content_is_refused(shown: Callable[..., bool], name: str) -> None:
-    optional = name not in ("run.json", "predictions.jsonl", "metrics.json")
+    optional = name not in ("run.json", "predictions.jsonl")
     lists = ("stories.json", "response.json")
     for kind in CONTENTS:
         page = shown(lambda folder, kind=kind: put(folder / name, kind), (name, kind))
@@ -165,7 +165,7 @@ def test_a_file_of_other_content_is_refused(shown: Callable[..., bool], name: st
 
 @pytest.mark.parametrize("how", [exhaustive(how) for how in LOOKS[1:]])
 def test_a_comparison_refuses_a_file_of_other_content(shown: Callable[..., bool], how: str) -> None:
-    for name in JSON[:4]:
+    for name in JSON[:3]:
         for kind in ("empty", "{}", "[]", "[{}]", "truncated", "removed", "binary"):
             shown(lambda folder, n=name, k=kind: put(folder / n, k), (name, kind), how)
 

@@ -40,7 +40,7 @@ from reports.render.charts import (
 )
 from reports.render.tables import Table, TableCell
 from reports.run import CSV, PREDICTIONS, STORIES, RunFolder, Story
-from reports.score.accuracy import score, write_scores
+from reports.score.accuracy import score
 
 META = {"simulated": True, "seed": 0, "command": "python evaluate.py"}
 MACHINE_FREE = ("src", "href", "data", "poster", "srcset", "action", "xlink:href")
@@ -352,13 +352,6 @@ def test_what_is_no_finished_run_is_refused(
     (folder / file).unlink()
     for place in (folder, tmp_path / "nowhere"):
         refuses("evaluate", ["--report", place], f"error: {place}: holds no finished run")
-
-
-def test_scores_that_are_not_of_the_predictions_are_refused(store: Store, refuses: Refuses) -> None:
-    folder = store("mixed", [line("oorc", 0, 1)])
-    write_scores(folder / "metrics.json", score(to_records([line("oorc", 0, 2)])), META)
-    says = "metrics.json does not score predictions.jsonl"
-    refuses("evaluate", ["--report", folder], says, folder=folder)
 
 
 @pytest.mark.parametrize("file", ["../secret.jpg", "stories/gone.jpg"])
