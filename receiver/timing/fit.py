@@ -9,6 +9,7 @@ multiple of the standard deviation that is left. Drift is regressed with the wav
 
 from dataclasses import astuple, dataclass
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +53,10 @@ often."""
 NEIGHBOURS = np.array([0.0, -0.3, 0.3])
 """Starts of a fit beside a clock: relative changes of its period, in states over a window. Where no
 exposure mixes two states, a fit does not move by itself. Chosen by hand."""
+ROUGH_DELAYS = np.array(list(product((0.0, -0.008, 0.008), repeat=2)))
+"""(9, 2) delays along both sides of the display, in seconds, that are added to a clock which is
+known roughly, as starts of its fit: the search for a code takes exposure to go on along one side
+alone, and tells its delay to about a state."""
 MIN_SEEN = 8
 """Smallest number of toggles of a place that counts: from fewer, neither its drift nor the
 correlation of its noise can be told. Chosen by hand."""
@@ -175,12 +180,19 @@ class ToggleWindow:
             fits.append(self._settle(self._climb(self._start_clocks(), ROUNDS)))
         return max(fits, key=lambda fit: fit.evidence)
 
-    def follow(self, clock: DisplayClock) -> ClockFit:
-        """Fit a clock, known from before, anew; its times count from the middle of the window."""
+    def follow(self, clock: DisplayClock, *, rough: bool = False) -> ClockFit:
+        """Fit a clock, known from before, anew.
+
+        Args:
+            clock: the clock; its times count from the middle of the window.
+            rough: whether its delays are no better than those of `receiver.pilots.code`.
+        """
         start = np.array([astuple(clock)])
         wave = self._shares(start)[0]
         self._set_noise(self._without)
         self._set_noise(self._noise_of(self._values - self._amplitude(start) * self._centre(wave)))
+        if rough:
+            return self._settle(self._climb(_other_delays(start), ROUNDS))
         return self._settle(self._climb(self._neighbours(start), ROUNDS // 2))
 
     def _neighbours(self, clock: Array) -> Array:
@@ -417,7 +429,16 @@ class ToggleWindow:
         signs = np.ones(len(self._places))
         search = CodeSearch(self._code, signs, self._places, self._times, 1 / self._frame)
         locks = search.strongest((self._values / (self.deviation[:, None] + 1e-6)).T, STARTS)
-        return np.array([astuple(lock.clock) for lock in locks])
+        clocks = np.array([astuple(lock.clock) for lock in locks])
+        return np.concatenate([_other_delays(clocks[:1]), clocks[1:]])
+
+
+def _other_delays(clock: Array) -> Array:
+    """A clock (1, 5) by `ROUGH_DELAYS`, each with the same state at the display's centre."""
+    clocks = np.repeat(clock, len(ROUGH_DELAYS), axis=0)
+    clocks[:, 2:4] += ROUGH_DELAYS
+    clocks[:, 1] += ROUGH_DELAYS.sum(axis=1) / 2
+    return clocks
 
 
 def _whiten(series: Array, now: Array, back: Array) -> Array:

@@ -215,7 +215,7 @@ class Synchroniser:
         again = 2 * self._code.period
         number = again * round(self.clock.number(window.middle) / again)
         start = self.clock.start + number * self.clock.period - window.middle
-        return window.follow(replace(self.clock, start=start))
+        return window.follow(replace(self.clock, start=start), rough=self._fit is None)
 
     def _adopt(self, fit: ClockFit, window: ToggleWindow, begun: float, time: float) -> None:
         """Take a fitted clock; states keep their numbers where it goes on from the held one."""

@@ -123,7 +123,7 @@ def test_strings_that_do_not_end_are_refused_at_once(text: str) -> None:
 def test_files_that_never_end_are_none(tmp_path: Path) -> None:
     for read in (read_image, read_json, VideoReader):
         for path in (Path("/dev/zero"), tmp_path, tmp_path / ("n" * 300)):
-            with pytest.raises(InputError, match="no such|a folder or a device"):
+            with pytest.raises(InputError, match=r"no such|a folder or a device"):
                 read(path)
     (tmp_path / "long").write_bytes(bytes(11))
     with pytest.raises(InputError, match="larger than 10 bytes"):

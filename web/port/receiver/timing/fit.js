@@ -26,7 +26,7 @@ import {
 
 export const {
   MIN_STATE_HZ, MAX_STATES, DRIFT_HZ, STARTS, ROUNDS, NEIGHBOURS, MIN_SEEN,
-  MAX_CORRELATION, STEP, REACH,
+  MAX_CORRELATION, STEP, REACH, ROUGH_DELAYS,
 } = receiverTimingFit;
 
 /** Number of waves of which derivatives are made: that of a clock, and one for each number. */
@@ -184,11 +184,13 @@ export class ToggleWindow {
    * Fit a clock, known from before, anew.
    *
    * @param {DisplayClock} clock - its times count from the middle of the window
+   * @param {boolean} [rough] - whether its delays are no better than those of `pilots/code.js`
    */
-  follow(clock) {
+  follow(clock, rough = false) {
     const { numbers } = clock;
     this.#setNoise(this.#without);
     this.#setNoise(this.#noiseBeside(numbers));
+    if (rough) return this.#settle(this.#climb(otherDelays(numbers), ROUNDS));
     return this.#settle(this.#climb(this.#neighbours(numbers), Math.floor(ROUNDS / 2)));
   }
 
@@ -578,8 +580,22 @@ export class ToggleWindow {
     const signs = new Float64Array(this.#P).fill(1);
     const times = [...this.#times];
     const search = new CodeSearch(this.#code, signs, this.#places, times, 1 / this.#frame);
-    return search.strongest(values, STARTS).map(({ clock }) => clock.numbers);
+    const [best, ...others] = search.strongest(values, STARTS).map(({ clock }) => clock.numbers);
+    return [...otherDelays(best), ...others];
   }
+}
+
+/**
+ * Give a clock by `ROUGH_DELAYS`, each with the same state at the display's centre.
+ *
+ * @param {Float64Array} clock
+ */
+function otherDelays(clock) {
+  return ROUGH_DELAYS.map(([across, down]) => {
+    const [period, start, delayX, delayY, shutter] = clock;
+    const begun = start + (across + down) / 2;
+    return Float64Array.of(period, begun, delayX + across, delayY + down, shutter);
+  });
 }
 
 /**

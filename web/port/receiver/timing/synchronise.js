@@ -220,7 +220,8 @@ export class Synchroniser {
    */
   #follow(clock, window) {
     const number = this.again * Math.round(clock.number(window.middle) / this.again);
-    return window.follow(clock.startingAt(clock.start + number * clock.period - window.middle));
+    const start = clock.start + number * clock.period - window.middle;
+    return window.follow(clock.startingAt(start), this.#fit === null);
   }
 
   /**
