@@ -193,7 +193,7 @@ def test_learned_reads_pilots_with_the_shipped_checkpoint(modulation: str) -> No
     assert wrong.mean() < 0.02
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_the_exported_graph_decides_as_torch_does(tmp_path: Path) -> None:
     """Without refinement, which takes long to export; shipped graphs have it."""
     layout = layout_of((24, 32), "antipodal")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Command, Refuses, cases
+from conftest import Command, Refuses, cases, exhaustive, slow
 from pilot_films import CORNERS, TEXT, BlockMeans, filmed, robust_film, texture
 from streams import Stream, events_of, states_of, write_film
 
@@ -247,8 +247,7 @@ def test_the_command_says_which_preset_is_shown(tmp_path: Path, command: Command
     assert len(pair["bits"]) == len(pair["scores"]) == ROBUST.n_bits
 
 
-@pytest.mark.slow
-@cases("film.avi", "frames")
+@cases(exhaustive("film.avi"), slow("frames"))
 def test_a_mirrored_film_is_read_and_said(name: str, tmp_path: Path, command: Command) -> None:
     images = [image[:, ::-1] for image in robust_film(40)[0]]
     if name == "frames":

@@ -16,7 +16,7 @@ from reports.engine.predict import Condition, paper_cells
 from reports.evaluation.comparison import film_conditions
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_decoder_of_ones_own_is_trained_and_enters_the_benchmark(
     tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -80,7 +80,7 @@ def results(folder: Path) -> tuple[bytes, bytes, Any]:
     return (folder / "predictions.jsonl").read_bytes(), (folder / "tables.md").read_bytes(), metrics
 
 
-@pytest.mark.exhaustive
+@pytest.mark.slow
 def test_two_processes_write_the_bytes_of_one(
     alone: Path, tmp_path: Path, command: Command
 ) -> None:
@@ -88,7 +88,7 @@ def test_two_processes_write_the_bytes_of_one(
     assert results(tmp_path) == results(alone)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_two_dask_workers_write_the_bytes_of_one_process(
     alone: Path, tmp_path: Path, command: Command, scheduler: str
 ) -> None:

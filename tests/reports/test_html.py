@@ -453,7 +453,7 @@ def test_captures_with_unknown_bits_are_shown_and_not_scored(
     assert "%" not in checked.text["pictures"]
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_captures_with_bits_show_their_failures(
     filmed: Callable[[bool], Path], tmp_path: Path, command: Command
 ) -> None:

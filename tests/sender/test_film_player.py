@@ -99,6 +99,7 @@ def test_states_over_a_films_pictures_are_those_of_python(
     assert len(seen) == 4
 
 
+@pytest.mark.exhaustive
 def test_the_film_plays_while_the_message_toggles(open_window: OpenWindow, tmp_path: Path) -> None:
     film = write_moving(tmp_path / "film.webm", 122, 84)
     write_film_player(

@@ -53,7 +53,7 @@ def test_wrong_scores_are_no_message(port: Port) -> None:
     rng = np.random.default_rng(3)
     noise = rng.normal(0, 6, (20, 730)).astype(np.float32)
     mixed = encode(bytes(300), 730)
-    mixed[:, 300:] = encode(bytes(299) + b"\1", 730)[:, 300:]
+    mixed[:, 365:] = encode(bytes(299) + b"\1", 730)[:, 365:]
     for rows in (noise, shown(mixed, rng, 16)):
         assert compare(port, rows) == 0
 

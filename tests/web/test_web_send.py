@@ -138,10 +138,19 @@ def address(site: Path) -> Iterator[str]:
         yield f"{url}send.html"
 
 
+SIXTY_HZ = """{
+    let now = 0;
+    window.requestAnimationFrame = (call) => setTimeout(() => call((now += 1000 / 60)), 16);
+}"""
+"""Script that gives a page the refresh times of a display of 60 Hz, however busy the machine is: a
+slower display would show flicker, and ask before it plays."""
+
+
 @pytest.fixture
 def sender(address: str, open_window: OpenWindow) -> Iterator[Page]:
     """The page, which must ask nothing of anybody else, and have no errors."""
     page = open_window(390, 844)
+    page.add_init_script(SIXTY_HZ)
     asked: list[str] = []
     errors: list[str] = []
     page.on("request", lambda request: asked.append(request.url))
@@ -401,13 +410,6 @@ def test_a_browser_that_hides_pixels_is_not_believed(
     wait_for(page, lambda: "Allow this page to read canvases" in text_of(page, "status"))
 
 
-SIXTY_HZ = """{
-    let now = 0;
-    window.requestAnimationFrame = (call) => setTimeout(() => call((now += 1000 / 60)), 16);
-}"""
-"""Script that gives a page the refresh times of a display of 60 Hz, however busy the machine is."""
-
-
 @pytest.mark.slow
 def test_readers_are_told_the_address_and_by_a_code_that_can_be_switched_off(
     sender: Page, open_window: OpenWindow, tmp_path: Path
@@ -419,7 +421,7 @@ def test_readers_are_told_the_address_and_by_a_code_that_can_be_switched_off(
     loop = save(sender, tmp_path / "player.html")
     assert loop["reader"] == "https://example.org/read/"
     page = open_window(1000, 700)
-    page.add_init_script(SIXTY_HZ)  # a slower display would make it speak of flicker
+    page.add_init_script(SIXTY_HZ)
     page.goto((tmp_path / "player.html").as_uri())
     wait_for(page, lambda: page.evaluate("Boolean(window.player?.ready)"))
     assert "Open https://example.org/read/ on a phone" in page.inner_text("p")
@@ -485,6 +487,7 @@ def test_what_flickers_is_shown_once_somebody_agreed(sender: Page) -> None:
 @pytest.mark.slow
 def test_presets_are_seen_beside_each_other(address: str, open_window: OpenWindow) -> None:
     page = open_window(1280, 900)
+    page.add_init_script(SIXTY_HZ)
     page.goto(address.replace("send.html", "about.html"))
     page.locator("#look").click()
     wait_for(page, lambda: len(page.frames) == 3)
@@ -522,7 +525,7 @@ def test_nobody_is_shut_out(address: str, open_window: OpenWindow) -> None:
         assert page.evaluate("document.documentElement.scrollWidth") <= 390
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_all_pages_work_without_a_network(site: Path, browser: Any) -> None:
     context = browser.new_context()
     with serve_folder(site) as url:

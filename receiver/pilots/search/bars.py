@@ -45,7 +45,7 @@ def without_bars(gray: Gray, quad: Corners) -> list[Array]:
     >>> gray = np.zeros((120, 160), np.uint8)
     >>> gray[35:85, 20:140] = np.arange(120, dtype=np.uint8)
     >>> panel = np.array([[10.0, 5.0], [149.0, 5.0], [149.0, 114.0], [10.0, 114.0]])
-    >>> within, _ = without_bars(gray, panel)
+    >>> within, *_ = without_bars(gray, panel)
     >>> bool(np.abs(within[:, 1] - [34.5, 34.5, 84.5, 84.5]).max() < 2)
     True
     """
