@@ -177,8 +177,7 @@ def run_folder(make_once: MakeOnce) -> Path:
 
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("reports.evaluation.trained.PARITY_FRAMES", 6)  # test_export has others
-            patch.setattr("sys.argv", ["train.py", *TINY, "--out", str(folder)])
-            train.main()
+            run_main(train.main, *TINY, "--out", folder)
 
     return make_once("canon-lg", fill)
 
@@ -238,6 +237,13 @@ def command(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) 
         return done
 
     return run
+
+
+def run_main(main: Callable[[], None], *words: object) -> None:
+    """Run a script's ``main`` with the words of a command line, for fixtures of a whole module."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", [f"{main.__module__}.py", *map(str, words)])
+        main()
 
 
 def run_process(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Command, MakeOnce, Refuses, run_process
+from conftest import Command, MakeOnce, Refuses, run_main, run_process
 
 import data_gen.__main__ as data_gen_cli
 import evaluate
@@ -44,10 +44,9 @@ def captures(make_once: MakeOnce) -> Path:
     """Two frame pairs that `python -m data_gen` wrote, sony-lg, 20 degrees."""
 
     def fill(folder: Path) -> None:
-        flags = ["--frames", "2", "--pair", "sony-lg", "--view", "20", "--out", str(folder)]
-        with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()) as printed:
-            patch.setattr("sys.argv", ["data_gen", *flags])
-            data_gen_cli.main()
+        flags = ("--frames", 2, "--pair", "sony-lg", "--view", 20, "--out", folder)
+        with redirect_stdout(StringIO()) as printed:
+            run_main(data_gen_cli.main, *flags)
         report = json.loads(printed.getvalue())
         assert report["frame_pairs"] == 2
         assert report["simulated"] is True

@@ -17,7 +17,7 @@ import dask
 import distributed
 import pytest
 import torch
-from conftest import Command, MakeOnce, cases, exhaustive, slow
+from conftest import Command, MakeOnce, cases, exhaustive, run_main, slow
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import evaluate
@@ -66,9 +66,7 @@ def alone(make_once: MakeOnce) -> Path:
     """The run by one process."""
 
     def fill(out: Path) -> None:
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("sys.argv", ["evaluate.py", *RUN, "--jobs", "1", "--out", str(out)])
-            evaluate.main()
+        run_main(evaluate.main, *RUN, "--jobs", 1, "--out", out)
 
     return make_once("alone", fill)
 

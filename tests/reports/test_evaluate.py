@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import Command, MakeOnce, cases
+from conftest import Command, MakeOnce, cases, run_main
 from scipy.stats import binomtest
 from tolerances import FLOAT64
 
@@ -49,9 +49,7 @@ def evaluated(make_once: MakeOnce) -> Path:
     """The tiny protocol, by one process; tests only read it."""
 
     def fill(folder: Path) -> None:
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("sys.argv", ["evaluate.py", *TINY, "--jobs", "1", "--out", str(folder)])
-            evaluate.main()
+        run_main(evaluate.main, *TINY, "--jobs", 1, "--out", folder)
 
     return make_once("evaluation", fill)
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import html5lib
 import pytest
-from conftest import Command, MakeOnce, OpenWindow, Refuses, cases
+from conftest import Command, MakeOnce, OpenWindow, Refuses, cases, run_main
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -93,10 +93,7 @@ def tiny(make_once: MakeOnce) -> Path:
     """A quick run of two cells and two sweeps, by one process; tests only read it."""
 
     def fill(folder: Path) -> None:
-        with pytest.MonkeyPatch.context() as patch:
-            sweeps = ["--sweeps", "ratex", "noise"]
-            patch.setattr("sys.argv", ["evaluate.py", *TINY, *sweeps, "--out", str(folder)])
-            evaluate.main()
+        run_main(evaluate.main, *TINY, "--sweeps", "ratex", "noise", "--out", folder)
 
     return make_once("tiny", fill)
 
