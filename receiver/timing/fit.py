@@ -399,7 +399,7 @@ class ToggleWindow:
     def _start_clocks(self) -> Array:
         """Find (C, 5) clocks to start from: strongest frequencies, each with its best delays."""
         if self._code != PLAIN:
-            return self._start_by_code()
+            return self._starts_by_code
         state_hz = self.state_hz
         waves, delays, turns = self._candidates
         adjoint = self._x * self._now
@@ -424,7 +424,8 @@ class ToggleWindow:
             starts.append([period, start, *delays[best[peak]], shutter])
         return np.array(starts)
 
-    def _start_by_code(self) -> Array:
+    @cached_property
+    def _starts_by_code(self) -> Array:
         """Find (C, 5) clocks to start from, by the code alone."""
         signs = np.ones(len(self._places))
         search = CodeSearch(self._code, signs, self._places, self._times, 1 / self._frame)
