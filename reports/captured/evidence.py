@@ -117,11 +117,11 @@ def film_evidence(
         folder: folder of the run, which gets the pictures.
         pictures: whether pictures are made.
     """
-    seen = read_seen(captures)
+    seen, entries = read_seen(captures), read_manifest(captures)
     rows: list[pd.DataFrame] = []
     grids: dict[str, dict[tuple[int, int], NDArray[np.float64]]] = {}
     by_index = dict(list(records.groupby("index")))
-    for index, entry in enumerate(read_manifest(captures)):
+    for index, entry in enumerate(entries):
         captured = entry.load()
         pairs = captured.observation.mixture.count if isinstance(captured, KnownWindow) else 1
         level = np.clip(np.tile(block_levels(captured), pairs), 0, 255)
@@ -148,7 +148,7 @@ def film_evidence(
         _wrong_bits(table, "time", BIN_S, ["film"]),
         _wrong_bits(table, "level", LEVELS, []),
         _maps(grids, folder) if pictures else [],
-        _blocks_a_second(seen, read_manifest(captures)),
+        _blocks_a_second(seen, entries),
     )
 
 

@@ -20,7 +20,7 @@ import pandas as pd
 from data_gen.channel.optics import check_view
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import get_pair
-from link.captures import Entry, read_manifest
+from link.captures import Entry
 from link.embed import check_kappa
 from link.errors import InputError, UnsuitedError, each_once
 from link.files.lock import locked
@@ -349,18 +349,17 @@ def checkpoint_digest(method: Method, *layouts: Layout) -> str:
     return file_digest(files) if files else ""
 
 
-def recorded_conditions(captures: Path, only: Collection[int] | None = None) -> list[Condition]:
-    """Make a condition of each entry of a folder of captures.
+def recorded_conditions(
+    entries: Sequence[Entry], only: Collection[int] | None = None
+) -> list[Condition]:
+    """Make a condition of each entry of a manifest.
 
     Args:
-        captures: folder with a manifest.
+        entries: all entries, in order.
         only: numbers of the entries that are decoded; None for all.
-
-    Raises:
-        InputError: the folder or its manifest is no good.
     """
     return [
         Condition("", entry, (entry,), 1, start=index, called=f"entry {index}")
-        for index, entry in enumerate(read_manifest(captures))
+        for index, entry in enumerate(entries)
         if only is None or index in only
     ]

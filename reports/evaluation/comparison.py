@@ -202,14 +202,14 @@ def evaluate_folder(
                 folder.write(FILMS, film_evidence(captures, records, folder.path, html))
         if html:
             with clock.time("pictures"):
-                captured_pictures(folder, captures, records)
+                captured_pictures(folder, entries, records)
         return []
 
     unlike = any(entry.layout.ratex and not entry.meta.get("equalised") for entry in entries)
     if unlike and any(method.label == "hidden_ratex" for method in methods):
         notes = [*notes, "hidden_ratex: these pictures were not equalised for it"]
     return compare_on(
-        recorded_conditions(captures),
+        recorded_conditions(entries),
         methods,
         folder,
         backend,

@@ -3,13 +3,12 @@
 import contextlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from time import perf_counter
 
 import pandas as pd
 
 from data_gen.frame_pair import Cell, FramePair
-from link.captures import read_manifest
+from link.captures import Entry
 from link.frames import Captured
 from reports.engine.methods import Method
 from reports.engine.predict import Condition
@@ -68,15 +67,14 @@ def simulated_pictures(
     folder.write(STORIES, worst_stories(records, filmed_again, folder.path, PICTURES))
 
 
-def captured_pictures(folder: RunFolder, captures: Path, records: pd.DataFrame) -> None:
+def captured_pictures(folder: RunFolder, entries: Sequence[Entry], records: pd.DataFrame) -> None:
     """Write pictures of the captures of a folder that are read worst.
 
     Args:
         folder: folder of the run.
-        captures: folder with a manifest.
+        entries: all entries of its manifest, in order.
         records: predictions of these captures.
     """
-    entries = read_manifest(captures)
     stories = worst_stories(
         records, lambda row: entries[row["index"]].load(), folder.path, PICTURES
     )

@@ -11,6 +11,7 @@ import pandas as pd
 
 from data_gen.frame_pair import Source
 from export.to_onnx import export
+from link.captures import read_manifest
 from link.errors import InputError
 from link.layout import Layout
 from models import OF_PAIRS
@@ -116,7 +117,7 @@ def evaluate_own(
     """
     export(module, folder / "decoder.onnx", folder.name, PARITY_FRAMES, settings)
     methods = [*methods_for(FEW, folder), untrained(folder)]
-    conditions = recorded_conditions(captures, own.held_out)
+    conditions = recorded_conditions(read_manifest(captures), own.held_out)
     predicted = predict(conditions, methods, folder / PREDICTIONS, Backend())
     if predicted.failed:
         raise InputError(predicted.failed[0])
