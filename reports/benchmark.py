@@ -61,7 +61,7 @@ def benchmark_conditions() -> list[Condition]:
         Condition("stills, weak", paper, paper_cells(tuple(PAIRS), (45.0,), (1,)), 4),
         Condition("stills, today", paper, paper_cells(tuple(TODAY), kappas=(3,)), 3),
         Condition("stills, hidden", hidden, paper_cells(some, kappas=(1,)), 2),
-        *film_conditions(FILMS, FILMED, (0.0, 45.0), 2, SEED),
+        *film_conditions(FILMS, FILMED, (0.0, 45.0), 1, SEED),
     ]
 
 
@@ -88,9 +88,11 @@ def run_benchmark(methods: Sequence[Method], folder: RunFolder, backend: Backend
     """
     conditions = benchmark_conditions()
 
+    def pooled(records: pd.DataFrame) -> pd.DataFrame:
+        return pool(score(records), by=("condition", "method"))
+
     def tabulate(records: pd.DataFrame) -> list[Table]:
-        pooled = pool(score(records), by=("condition", "method"))
-        return [benchmark_table(pooled, [condition.name for condition in conditions])]
+        return [benchmark_table(pooled(records), [condition.name for condition in conditions])]
 
     def write_result(predicted: Predicted, clock: Stopwatch) -> list[str]:
         with clock.time("digests"):
@@ -98,7 +100,7 @@ def run_benchmark(methods: Sequence[Method], folder: RunFolder, backend: Backend
                 conditions[outcome.index].name: outcome.result or "failed"
                 for outcome in run_tasks(frames_digest, conditions, backend, "digest of frames")
             }
-        pooled = pool(score(predicted.records), by=("condition", "method"))
+        pools = pooled(predicted.records)
         result = {
             "benchmark": VERSION,
             "made_by": provenance(SEED, simulated=True),
@@ -109,7 +111,7 @@ def run_benchmark(methods: Sequence[Method], folder: RunFolder, backend: Backend
                 }
                 for each in conditions
             },
-            "decoders": [decoder_result(method, conditions, pooled) for method in methods],
+            "decoders": [decoder_result(method, conditions, pools) for method in methods],
             "failed_cells": predicted.failed,
         }
         text = json.dumps(result, indent=1, default=str) + "\n"
