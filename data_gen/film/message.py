@@ -19,7 +19,7 @@ from data_gen.pictures.carriers import open_carrier
 from link.code.framing import encode
 from link.errors import choose
 from link.layout import Layout
-from link.loop import Loop, LoopStates, MovingStates
+from link.loop import Loop, LoopStates, MovingStates, PictureAt
 from link.presets import PRESETS
 
 IN_STEP = 0.5
@@ -47,6 +47,9 @@ class FilmSettings:
     """What carries the message: "still" for a picture that stands still, "moving" for a film of a
     scene that is drawn for each film anew, or the name of a scene (data_gen/pictures/moving.py) or
     of a video file."""
+    shows_message: bool = True
+    """Whether the display shows the message; else it shows what would carry it, and toggles
+    nothing."""
     loops: float = 3.0
     """Number of loops of the message after which a run is given up."""
     coverage: tuple[float, float] = (0.15, 0.6)
@@ -134,12 +137,30 @@ def film_message(take: Take) -> MessageFilm:
     )
     pair, shown_layout = source.pair(take.pair), source.display_layout
     states: States = LoopStates(loop)
-    name = picture.name
+    name, carrier = picture.name, None
     if config.carriers != "still":
         carrier_rng = np.random.default_rng([take.seed, zlib.crc32(f"carrier {key}".encode())])
         carrier = open_carrier(config.carriers, pictures, carrier_rng)
         name = carrier.name
         in_step = bool(carrier_rng.random() < IN_STEP)
         states = MovingStates(loop, carrier, config.state_hz, in_step)
+    if not config.shows_message:
+        states = plain_states(loop, carrier or (lambda _: picture.rgb), config.state_hz)
     frames = film(states, shown_layout, pair, take.view, settings, rng)
     return MessageFilm(take, name, message, bits, frames)
+
+
+def plain_states(loop: Loop, picture_at: PictureAt, state_hz: float) -> States:
+    """Make the states of a display that shows a loop's pictures as they are.
+
+    Args:
+        loop: how pictures lie on the display.
+        picture_at: the film, or a picture that stands still.
+        state_hz: number of states a second.
+    """
+
+    def state(number: int) -> NDArray[np.uint8]:
+        laid = loop.placement.grid_frame(picture_at(number / state_hz), loop.layout)
+        return loop.placement.display_frame(laid, loop.layout)
+
+    return state

@@ -1,8 +1,8 @@
 """How often displays are found by their pilots.
 
 Nothing visible marks a display with pilots. Here `PilotSearch` looks for it in simulated hand-held
-films of rooms: of displays that show a preset, from the first frame on or later, of displays that
-stand still, that show a film, and that toggle blocks of another layout. In the last three it must
+films of rooms: of displays that show a preset over a picture or a film, of displays that show these
+without a message, and of displays that toggle blocks of another layout. In the last two it must
 find nothing.
 
 Films of other cameras, whose corners are known, can be searched instead. Of each film that shows a
@@ -12,27 +12,24 @@ for.
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from math import lcm
+from dataclasses import asdict, dataclass, replace
+from itertools import takewhile
+from math import inf
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from data_gen.film.scenes import SceneSettings
-from data_gen.film.stream import States, VideoSettings, film
-from data_gen.frame_pair import Source, shuffled_pictures
+from data_gen.film.message import FilmSettings, Take, film_message
 from data_gen.pairs import GROUPS, pair_names
 from data_gen.video import TRUTH
 from lab.study import Results, Study, StudyFlags, Workshop
-from link.embed import embed
 from link.errors import ParameterError, at_least, choose
 from link.geometry import frame_corners, transform
 from link.images import image_files
 from link.images.files import read_image
-from link.layout import Layout, make_layout
+from link.layout import Layout
 from link.outside import read_json_lines
 from link.presets import PRESETS
 from link.types import Corners, Image
@@ -46,34 +43,27 @@ from reports.render.tables import Table
 from reports.score.intervals import wilson
 
 CAMERAS = {
-    "hidden": ("hidden", 120.0),
-    "hidden, 60 fps": ("hidden", 60.0),
-    "hidden, 30 fps": ("hidden", 30.0),
-    "fast": ("fast", 60.0),
-    "robust": ("robust", 30.0),
+    "hidden": FilmSettings(preset="hidden", kappa=1, state_hz=60, fps=120),
+    "hidden, 60 fps": FilmSettings(preset="hidden", kappa=1, state_hz=60, fps=60),
+    "hidden, 30 fps": FilmSettings(preset="hidden", kappa=1, state_hz=60, fps=30),
+    "fast": FilmSettings(preset="fast", state_hz=30, fps=60),
+    "robust": FilmSettings(preset="robust", fps=30),
 }
-"""Preset, and number of camera frames a second, by the name of the setting."""
+"""What displays show, and the cameras before them, by name."""
+SEEN: dict[str, dict[str, Any]] = {
+    "display": {},
+    "moving": {"carriers": "moving"},
+    "still": {"shows_message": False},
+    "film": {"shows_message": False, "carriers": "moving"},
+    "other": {"preset": "paper", "kappa": 3, "state_hz": 15.0},
+}
+"""What films show, by what is unlike a still picture that carries a message in the preset. In
+"still" and "film" nothing toggles, and "other" toggles in a layout that is not looked for: there
+nothing is to be found."""
+SHOWN = "display", "moving"
+"""Films in which a display is to be found."""
 MAX_VIEW_DEG = 60.0
 """Largest angle of observation that is drawn, degrees."""
-COVERAGE = 0.15, 0.6
-"""Least and largest share of the image that the display covers; drawn between them."""
-PATTERNS = 40
-"""Number of frame pairs that a display shows before they repeat."""
-SCENE, PAN_PX = 20, 6
-"""Number of states that a scene of a film lasts, and pixels by which it moves from one to the next
-at most."""
-SEEN = {
-    "display": "a display that shows the preset",
-    "late": "a display that begins to show the preset late",
-    "still": "a display that stands still",
-    "film": "a display that shows a film",
-    "other": "a display that toggles the paper's layout",
-}
-"""What the films show, and how the table calls it."""
-SHOWN = "display", "late"
-"""Films in which a display is to be found."""
-LATE_S = 0.3, 3.5
-"""Least and largest time, in seconds, for which a display stands still that begins late."""
 STAGES = {
     "proposed": "a proposal within a block",
     "weighed": f"evidence of {PROMISING:g}",
@@ -103,7 +93,7 @@ class PilotSearchFlags(StudyFlags):
     films: int = 40
     """Number of films of each preset and of each thing they show."""
     seconds: float = 2.0
-    """Length of each film from the time on at which the display begins to toggle, seconds."""
+    """Length of each film, seconds."""
     pairs: tuple[str, ...] = GROUPS["paper"]
     """Camera-display pairs, which film in turn."""
     folders: tuple[Path, ...] = ()
@@ -122,15 +112,32 @@ class SearchTake:
     number: int
     """Number of the film among those of its preset and kind."""
     seconds: float
-    """Length of the film from the time on at which the display begins to toggle, seconds."""
+    """Length of the film, seconds."""
     pair: str
     """Camera-display pair."""
     seed: int
     """Seed of all draws."""
 
 
-@dataclass(frozen=True)
-class SearchOutcome:
+@dataclass(frozen=True, kw_only=True)
+class Trace:
+    """How far the search came in a film."""
+
+    coverage: float
+    """Share of the image that the display covers in the first frame."""
+    error_px: float | None
+    """Mean distance of the corners found from the true ones, pixels of the frame; None where
+    nothing was found."""
+    stages: dict[str, float]
+    """Time from the first frame to the one with which the true corners reached each of `STAGES`,
+    seconds; those not reached are left out. Anything that is found counts as "found"."""
+    evidence: float
+    """Largest evidence by which corners near the true ones were weighed; 0 where there were
+    none."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchOutcome(Trace):
     """What the search found in one film."""
 
     preset: str
@@ -141,21 +148,13 @@ class SearchOutcome:
     """Number of the film among those of its preset and kind."""
     view_deg: float | None
     """Angle of observation, degrees; None where it is not known."""
-    coverage: float
-    """Share of the image that the display covers."""
-    found_s: float | None
-    """Time from the display's beginning to the frame in which one was found, seconds, or None."""
-    error_px: float | None
-    """Mean distance of the corners found from the true ones, pixels of the frame; None where
-    nothing was found."""
     right: bool
     """Whether the layout found is the one shown."""
-    stages: dict[str, float]
-    """Time from the display's beginning to the frame with which the true corners reached each of
-    `STAGES`, seconds; those not reached are left out."""
-    evidence: float
-    """Largest evidence by which corners near the true ones were weighed; 0 where there were
-    none."""
+
+    @property
+    def found_s(self) -> float | None:
+        """Time from the first frame to the one in which a display was found, seconds, or None."""
+        return self.stages.get("found")
 
 
 @dataclass(frozen=True)
@@ -166,46 +165,6 @@ class SearchContent:
     """One entry for each film."""
 
 
-def searched_layouts() -> list[Layout]:
-    """List the layouts that the receiver looks for: those of all presets with pilots."""
-    return [preset.layout for preset in PRESETS.values() if preset.layout.pilots]
-
-
-def displayed_states(
-    seen: str, pictures: Sequence[NDArray[np.uint8]], preset: str, rng: np.random.Generator
-) -> tuple[list[NDArray[np.uint8]], Layout]:
-    """Make what a display shows, state after state, and its layout.
-
-    Args:
-        seen: a key of `SEEN`.
-        pictures: each (height, width, 3) uint8, encoded RGB, of the layouts' size; a film shows
-            several, anything else the first.
-        preset: preset whose grid and kappa the display shows, if it shows one.
-        rng: draws the bits, and how the scenes of a film move.
-    """
-    chosen = PRESETS[preset]
-    layout, picture = make_layout() if seen == "other" else chosen.layout, pictures[0]
-    if seen == "still":
-        return [picture], layout
-    if seen == "film":
-        moves = rng.integers(-PAN_PX, PAN_PX + 1, (2 * PATTERNS // SCENE, 2))
-        return [
-            np.roll(pictures[scene % len(pictures)], number * move, axis=(0, 1))
-            for scene, move in enumerate(moves)
-            for number in range(SCENE)
-        ], layout
-    kappa = 3 if seen == "other" else chosen.kappa
-    bits = rng.integers(0, 2, (PATTERNS, layout.n_bits))
-    pairs = [embed(picture, pattern, layout, kappa) for pattern in bits]
-    states = [
-        state
-        for number in range(lcm(PATTERNS, layout.code.period))
-        for pair in [pairs[number % PATTERNS]]
-        for state in (pair.original, pair.embedded)[:: layout.code.sign(number)]
-    ]
-    return states, layout
-
-
 def search_outcome(take: SearchTake) -> dict[str, Any]:
     """Film a room and look for a display; return the fields of a `SearchOutcome`."""
     one_thread()
@@ -214,80 +173,68 @@ def search_outcome(take: SearchTake) -> dict[str, Any]:
 
 def search_film(take: SearchTake) -> SearchOutcome:
     """Film a room and look for a display until one is found."""
-    (preset, fps), seen, number = CAMERAS[take.preset], take.seen, take.number
-    rng = np.random.default_rng(
-        [take.seed, list(PRESETS).index(preset), list(SEEN).index(seen), number]
-    )
-    view, coverage = float(rng.uniform(0, MAX_VIEW_DEG)), float(rng.uniform(*COVERAGE))
-    source = Source(PRESETS[preset].layout, "test", take.seed)
-    pictures = shuffled_pictures(source)
-    first = int(rng.integers(len(pictures)))
-    shown = [picture.rgb for picture in (*pictures[first:], *pictures[:first])]
-    loop, layout = displayed_states(seen, shown, preset, rng)
-    state_hz = PRESETS[preset].state_hz
-    still = round(rng.uniform(*LATE_S) * state_hz) if seen == "late" else 0
-    begins_s = still / state_hz
-
-    def late_states(number: int) -> NDArray[np.uint8]:
-        return shown[0] if number < still else loop[(number - still) % len(loop)]
-
-    states: States = late_states if still else loop
-    settings = VideoSettings(
-        scene=SceneSettings(coverage=coverage, pictures=pictures, free=0.03),
-        fps=fps,
-        state_hz=state_hz,
-        seconds=begins_s + take.seconds,
-        start_s=0.0 if begins_s else None,
-    )
-    pair = source.pair(take.pair)
+    settings = replace(CAMERAS[take.preset], loops=inf, **SEEN[take.seen])
+    kind = list(CAMERAS).index(take.preset), list(SEEN).index(take.seen)
+    view = float(np.random.default_rng([take.seed, *kind, take.number]).uniform(0, MAX_VIEW_DEG))
+    layout = settings.layout
     display = frame_corners(layout.width, layout.height)
     filmed = (
         (frame.rgb, frame.time_s, transform(frame.H_captured_from_display, display))
-        for frame in film(states, layout, pair, view, settings, rng)
+        for frame in film_message(Take(settings, take.pair, view, take.number, take.seed)).frames
     )
-    found, error, stages, evidence = trace_search(filmed, fps, begins_s)
-    found_s = stages.get("found")
-    right = seen in SHOWN and found is not None and found.layout == layout and stages["found"] >= 0
+    seen = takewhile(lambda frame: frame[1] < take.seconds, filmed)
+    found, trace = trace_search(seen, settings.fps)
+    right = take.seen in SHOWN and found is not None and found.layout == layout
     return SearchOutcome(
-        take.preset, seen, number, view, coverage, found_s, error, right, stages, evidence
+        preset=take.preset,
+        seen=take.seen,
+        number=take.number,
+        view_deg=view,
+        right=right,
+        **vars(trace),
     )
 
 
 def trace_search(
-    film: Iterable[tuple[Image, float, Corners]], fps: float, begins_s: float
-) -> tuple[PilotDisplay | None, float | None, dict[str, float], float]:
+    film: Iterable[tuple[Image, float, Corners]], fps: float
+) -> tuple[PilotDisplay | None, Trace]:
     """Look for a display in a film until one is found, and note when the true corners came how far.
 
     Args:
         film: images, their times in seconds, and the true corners in them.
         fps: nominal number of frames of the camera in a second.
-        begins_s: time at which the display begins to toggle, seconds.
 
     Returns:
-        the display found, the mean distance of its corners from the true ones in pixels, and
-        `SearchOutcome.stages` and `SearchOutcome.evidence`.
+        the display found, if any, and how far the search came.
     """
     true: dict[float, Corners] = {}
     stages: dict[str, float] = {}
-    evidence = [0.0]
+    evidence, coverage = [0.0], []
 
     def note(trial: Trial) -> None:
         corners = true[trial.time]
         turned = (np.roll(trial.corners, turn, axis=0) for turn in range(4))
         off = min(float(np.abs(each - corners).max()) for each in turned)
         if off <= NEAR * np.sqrt(cv2.contourArea(corners.astype(np.float32))):
-            stages.setdefault(STAGE_OF_TRIAL[trial.stage], now - begins_s)
+            stages.setdefault(STAGE_OF_TRIAL[trial.stage], now - min(true))
             evidence.append(trial.evidence)
 
-    search = PilotSearch(searched_layouts(), fps, note)
+    search, error, found = PilotSearch(searched_layouts(), fps, note), None, None
     for image, now, corners in film:
         true[now] = corners
+        coverage.append(cv2.contourArea(corners.astype(np.float32)) / image[..., 0].size)
         found = search.push(image, now)
         if found is not None:
-            stages["found"] = now - begins_s
+            stages["found"] = now - min(true)
             error = float(np.linalg.norm(found.corners - corners, axis=1).mean())
-            return found, error, stages, max(evidence)
-    return None, None, stages, max(evidence)
+            break
+    trace = Trace(coverage=coverage[0], error_px=error, stages=stages, evidence=max(evidence))
+    return found, trace
+
+
+def searched_layouts() -> list[Layout]:
+    """List the layouts that the receiver looks for: those of all presets with pilots."""
+    return [preset.layout for preset in PRESETS.values() if preset.layout.pilots]
 
 
 def folder_outcome(folder: str) -> dict[str, Any]:
@@ -300,25 +247,20 @@ def folder_outcome(folder: str) -> dict[str, Any]:
     corners = [transform(np.array(line["H_captured_from_display"]), display) for line in truth]
     images = [read_image(file) for file in image_files(Path(folder))]
     fps = round(1 / float(np.median(np.diff(times))), 2)
-    film = zip(images, times, corners, strict=True)
-    found, error, stages, evidence = trace_search(film, fps, times[0])
+    found, trace = trace_search(zip(images, times, corners, strict=True), fps)
     decoders, window_decoder = open_decoders(None, threads=1)
     receiver = Receiver(decoders, fps, window_decoder)
     for image, time in zip(images, times, strict=True):
         if found is not None and receiver.push(image, time).message is not None:
-            stages["read"] = time - times[0]
+            trace.stages["read"] = time - times[0]
             break
     outcome = SearchOutcome(
         preset=Path(folder).name,
         seen="display",
         number=0,
         view_deg=None,
-        coverage=cv2.contourArea(corners[0].astype(np.float32)) / images[0][..., 0].size,
-        found_s=stages.get("found"),
-        error_px=error,
         right=found is not None,
-        stages=stages,
-        evidence=evidence,
+        **vars(trace),
     )
     return asdict(outcome)
 
@@ -360,7 +302,7 @@ def search_table(outcomes: Sequence[SearchOutcome]) -> Table:
     rows = []
     presets = list(dict.fromkeys(outcome.preset for outcome in outcomes))
     for preset in [*presets, *(["all"] if len(presets) > 1 else [])]:
-        for seen, name in SEEN.items():
+        for seen in SEEN:
             mine = [o for o in outcomes if preset in (o.preset, "all") and o.seen == seen]
             if not mine:
                 continue
@@ -369,7 +311,7 @@ def search_table(outcomes: Sequence[SearchOutcome]) -> Table:
             low, high = wilson(right, len(mine))
             times = [o.found_s for o in mine if o.right and o.found_s is not None]
             errors = [o.error_px for o in mine if o.right and o.error_px is not None]
-            row = [preset, "–" if preset == "all" else f"{CAMERAS[preset][1]:g}", name]
+            row = [preset, "–" if preset == "all" else f"{CAMERAS[preset].fps:g}", seen]
             row.append(str(len(mine)))
             row.append(f"{right} ({low:.1%} – {high:.1%})" if seen in SHOWN else "–")
             row.append(f"{wrong} (at most {wilson(wrong, len(mine))[1]:.1%})")

@@ -1,82 +1,51 @@
-"""The study of how often displays are found by their pilots: what films show, and its table."""
+"""The study of how often displays are found by their pilots, and its tables."""
 
 import json
-from math import lcm
 from pathlib import Path
 
 import numpy as np
-import pytest
 from pilot_films import robust_film
 
 from lab.films.pilot_search import (
-    PAN_PX,
-    PATTERNS,
-    SCENE,
     SearchOutcome,
     SearchTake,
-    displayed_states,
     folder_outcome,
     search_film,
     search_table,
-    searched_layouts,
     stages_table,
     waited_for,
 )
 from link.geometry import homography_from_corners
 from link.images import write_image
-from link.layout import make_layout
 from link.presets import PRESETS
 
 HIDDEN = PRESETS["hidden"].layout
 
 
-def pictures(count: int) -> list[np.ndarray]:
-    shape = (HIDDEN.height, HIDDEN.width, 3)
-    return [np.random.default_rng(n).integers(30, 220, shape, np.uint8) for n in range(count)]
-
-
-def test_a_film_has_scenes_that_move_and_no_message() -> None:
-    shown = pictures(2)
-    states, _ = displayed_states("film", shown, "hidden", np.random.default_rng(0))
-    assert len(states) == 2 * PATTERNS
-    for start in range(0, len(states), SCENE):
-        np.testing.assert_array_equal(states[start], shown[start // SCENE % 2])
-        steps = [
-            (down, right)
-            for down in range(-PAN_PX, PAN_PX + 1)
-            for right in range(-PAN_PX, PAN_PX + 1)
-            if (np.roll(states[start], (down, right), axis=(0, 1)) == states[start + 1]).all()
-        ]
-        assert len(steps) == 1  # the next state is the one before, moved
-
-
-def test_displays_show_the_preset_or_another_layout_or_stand_still() -> None:
-    shown, rng = pictures(1), np.random.default_rng(1)
-    states, layout = displayed_states("display", shown, "hidden", rng)
-    assert (len(states), layout) == (2 * lcm(PATTERNS, 63), HIDDEN)
-    pair = states[2 * np.flatnonzero(HIDDEN.code.signs < 0)[0] :][:2]
-    change = pair[0].astype(int) - pair[1]  # the embedded frame comes first
-    top, bottom, left, right = HIDDEN.cell_box(*divmod(int(HIDDEN.pilot_blocks[0]), HIDDEN.cols))
-    assert np.sign(change[top:bottom, left:right].mean()) == 2 * HIDDEN.pilot_bits[0] - 1
-    states, layout = displayed_states("other", shown, "hidden", rng)
-    assert layout == make_layout()
-    assert layout not in searched_layouts()
-    states, _ = displayed_states("still", shown, "hidden", rng)
-    assert len(states) == 1
-
-
-@pytest.mark.exhaustive
-def test_a_display_that_begins_late_is_timed_from_its_beginning() -> None:
-    found = search_film(SearchTake("robust", "late", 0, 1.5, "canon-lg", 0))
-    assert found.right
-    assert found.found_s is not None and 0.3 < found.found_s < 1.5
-
-
 def outcome(number: int, seen: str = "display", off: float | None = 0.2) -> SearchOutcome:
     found = None if off is None else 0.1 * (number + 1)
-    right = seen == "display" and off is not None
     stages = {} if found is None else {"proposed": found / 2, "found": found}
-    return SearchOutcome("fast", seen, number, 30.0, 0.3, found, off, right, stages, 0.0)
+    return SearchOutcome(
+        preset="fast",
+        seen=seen,
+        number=number,
+        view_deg=30.0,
+        coverage=0.3,
+        error_px=off,
+        right=seen == "display" and off is not None,
+        stages=stages,
+        evidence=0.0,
+    )
+
+
+def test_a_display_is_found_and_one_without_a_message_is_not() -> None:
+    found = search_film(SearchTake("robust", "display", 0, 1.5, "canon-lg", 0))
+    assert found.right
+    assert found.found_s is not None and found.found_s < 1.5
+    assert 0.1 < found.coverage < 0.65
+    plain = search_film(SearchTake("robust", "film", 0, 0.7, "canon-lg", 0))
+    assert not plain.right
+    assert plain.found_s is None
 
 
 def test_the_table_counts_what_was_found_and_what_should_not_have_been() -> None:
