@@ -59,7 +59,7 @@ class KnownWindow:
         return self.observation.layout
 
     def rectified(self) -> Observation:
-        """What decoders take, as `link.frames.Captured.rectified` gives of a frame pair."""
+        """The capture as decoders take it: the counterpart of `link.frames.Captured.rectified`."""
         return self.observation
 
 

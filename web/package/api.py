@@ -218,7 +218,7 @@ class LiveReceiver:
 
     @property
     def explanation(self) -> str:
-        """What `Receiver.explanation` says."""
+        """Sentence that says what was seen and what helps, as `Receiver.explanation`."""
         return self._receiver.explanation
 
     def push(self, frame: NDArray[np.generic], time: float) -> None:
