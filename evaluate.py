@@ -53,9 +53,9 @@ OF_BENCHMARK = (
     "ablation",
     "protocol",
 )
-"""Flags that --benchmark fixes."""
+"""Flags that have no effect with --benchmark, which fixes its conditions, and so are refused."""
 CAPTURES = "captures"
-"""Name of the folder, in that of a run, of the captures that were cut from own recordings."""
+"""Name of the folder, within a run's, that holds the captures cut from one's own recordings."""
 
 
 @dataclass(frozen=True)
@@ -69,60 +69,67 @@ class EvaluateConfig(SourceFlags):
     kappas: tuple[int, ...] = (5, 3)
     """Gray levels added for a bit 1."""
     methods: tuple[str, ...] = OF_PAIRS
-    """Decoders to compare, or "package.module:Class" for your own (docs/extend.md); by default
-    all that read frame pairs, or all where films are decoded. Options stand behind the name, as in
+    """Decoders to compare, or "package.module:Class" for your own (docs/extend.md); by default all
+    that read frame pairs, or all decoders where films are decoded. Options follow the name, as in
     oorc:C=0.1."""
     ablation: bool = False
-    """Compare what each part of the learned decoder is worth in place of --methods: parts are added
-    to plain OORC, and removed from the full decoder (reports/ablation/switches.py)."""
+    """Compare the parts of the learned decoder instead of --methods: parts are added to plain OORC,
+    and removed from the full decoder (reports/ablation/switches.py)."""
     films: tuple[str, ...] = ()
-    """Decode simulated films in place of frame pairs: PRESET or PRESET:FPS each, such as hidden:30;
-    a window of each of --frames films a cell. Layout and kappa are the preset's."""
+    """Decode simulated films instead of frame pairs, each named PRESET or PRESET:FPS, such as
+    hidden:30. Each cell has --frames films, and one window of each is decoded. Layout and kappa are
+    the preset's."""
     benchmark: bool = False
-    """Compare on the fixed conditions of reports/benchmark.py in place of others, and write
-    benchmark.json, to be compared with other decoders' (docs/benchmark.md)."""
+    """Compare under the fixed conditions of reports/benchmark.py instead of others, and write
+    benchmark.json, by which results of different authors can be compared (docs/benchmark.md)."""
     frames: int = 15
     """Number of frame pairs in each cell; the paper has 25 (text) to 75 (15 pictures with 5
     messages each)."""
     sweeps: tuple[str, ...] | None = None
-    """Sweeps of reports/evaluation/sweeps.py; by default all beside the paper's 36 cells, and none
-    beside others."""
+    """Sweeps to add, by their names in reports/evaluation/sweeps.py; by default all of them where
+    the paper's 36 cells are compared, and none elsewhere."""
     quick: bool = False
-    """At most 4 frame pairs in each cell, and fewer values in each sweep, which takes three
+    """Decode at most 4 frame pairs in each cell, and fewer values in each sweep, which takes three
     minutes on two cores."""
     protocol: str = "fair"
-    """How thresholds are set: "fair" (in each frame pair), or "paper" (fixed, as the paper has
-    them)."""
+    """Rule for thresholds: "fair" sets them anew in each frame pair, "paper" fixes them as the
+    paper does."""
     out: Path = Path("runs/evaluation")
-    """Folder for predictions.jsonl, metrics.json, tables.md and report.html. A run of the same
-    settings that was cut off goes on there; a folder that holds another run is refused, and so is
-    one that another process is writing."""
+    """Folder for predictions.jsonl, metrics.json, tables.md and report.html. If it holds an
+    unfinished run of the same settings, that run goes on. A folder that holds another run, or that
+    another process is writing, is refused."""
     html: bool = True
-    """Write report.html, and what it shows beside the predictions; --report builds it later."""
+    """Write report.html and the pictures in it; with --no-html, --report can do so later."""
     report: Path | None = None
-    """Build the report of this finished run again, without decoding; other flags do not count."""
+    """Build the report of this finished run again, without decoding; all other flags are
+    ignored."""
     compare: tuple[Path, Path] | None = None
     """Compare two finished runs on the same captures, the second against the first."""
     captures: Path | None = None
-    """In place of the simulation a folder of captures with a manifest.jsonl; or, with --sent, a
-    film (a video, or a folder of its frames), a folder of several, or photographs."""
+    """Decode recordings instead of the simulation: a folder of captures with a manifest.jsonl or,
+    with --sent, a film (a video, or a folder of its frames), a folder of several films, or
+    photographs."""
     sent: Path | None = None
-    """With --captures: what the display showed, the player's .html, or the folder of states that
-    python -m sender wrote; for several films also a folder of these, named as the films."""
+    """With --captures: what the display showed, which is the player's .html or the folder of states
+    that python -m sender wrote. For several films it can be a folder of these, named as the
+    films."""
     photos: bool = False
-    """With --sent: --captures holds photographs of all states, one of each, in order."""
+    """With --sent: --captures holds photographs, one of each state in order, once or several
+    times."""
     camera: str | None = None
-    """With --sent: name of camera and display, by which tables group; the film's where absent."""
+    """With --sent: name of camera and display, by which tables group; by default the name of the
+    film."""
     view: Annotated[float | None, tyro.conf.arg(name="view")] = None
-    """With --sent: angle between camera and the display's normal, degrees; where absent, what
-    stands before "deg" in the film's name."""
+    """With --sent: angle between the camera and the display's normal, degrees; by default the
+    number before "deg" in the film's name."""
     fps: float | None = None
-    """With --sent: frames a second of the films, in place of what they state."""
+    """With --sent: frames a second of the films, if their own times are wrong, as in slow
+    motion."""
     run: Path | None = None
     """Checkpoint of the method "learned": by default the shipped one for the layout of each frame
     pair, trained on all pairs."""
     show: Path | None = None
-    """With --captures: folder for annotated pictures, one a frame pair and method."""
+    """With --captures: folder for annotated pictures, one for each frame pair and method."""
     jobs: int = os.cpu_count() or 1
     """Number of processes that decode."""
     backend: Literal["loky", "dask"] = "loky"

@@ -101,7 +101,8 @@ rounding of another processor."""
 TRAINED_BY = ("data_gen.episodes", "models.phi.training")
 """Modules that decide, with all that they import, what a step of training computes."""
 LOOP_VERSION = 2
-"""Raise it when `train` changes what it computes, so that an older state.pt is not continued."""
+"""Version of what `train` computes; raise it when that changes, so that an older state.pt is not
+continued."""
 
 
 def main() -> None:

@@ -21,7 +21,7 @@ from link.errors import ParameterError, choose, each_once
 
 @dataclass(frozen=True)
 class EpisodePlan:
-    """What the episodes are drawn from.
+    """Pictures, pairs and settings from which the episodes are drawn.
 
     A `link.errors.ParameterError` says which of kappas and largest view is out of its range.
 

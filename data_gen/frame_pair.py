@@ -43,7 +43,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Source:
-    """Where the pictures, messages and channel draws of a cell come from."""
+    """Source of the pictures, messages and channel draws of a cell."""
 
     layout: Layout
     """Layout of the displayed pictures."""
@@ -72,7 +72,7 @@ class Source:
 
     @property
     def placement(self) -> Placement:
-        """How pictures lie on the display."""
+        """Placement of pictures on the display."""
         return Placement(self.shown_size, "cover", self.shown_size)
 
     @property
@@ -130,7 +130,7 @@ class FramePair:
     """
 
     source: Source
-    """Where picture, message and channel draw come from."""
+    """Source of picture, message and channel draw."""
     cell: Cell
     """Pair, view and kappa."""
     index: int

@@ -57,7 +57,7 @@ class Limited:
     """
 
     name: str
-    """What the parameters describe, for messages."""
+    """Name of the camera, display or setup that the parameters describe, for messages."""
 
     def __post_init__(self) -> None:
         for field, hint in get_type_hints(type(self), include_extras=True).items():

@@ -88,7 +88,7 @@ class LightNet:
     checkpoint: Path = FOLDER
     """Folder of the trained weights."""
     card = Card("examples.lightnet:LightNet", "#55606e", "P", llr=True, checkpoint=lambda _: FOLDER)
-    """What reports say of it."""
+    """Entry of the decoder in reports: inputs, colour and marker."""
 
     def decode(self, pair: Observation) -> SoftBits:
         """Score every message block by its log-odds."""

@@ -28,7 +28,7 @@ from models.paper.common import require_ratex
 from models.paper.oorc import OORC, explicit_map
 
 REFERENCE = "two warpPerspective"
-"""Name of what all times are divided by."""
+"""Name of the reference by whose time all times are divided."""
 CAPTURE = (720, 960)
 """Rows and columns of the capture that the two reference warps rectify."""
 
@@ -40,9 +40,9 @@ class BenchConfig:
     model: tyro.conf.Positional[str] = "paper"
     """The .onnx file of the decoder, or the name of a preset, whose decoder ships."""
     rounds: int = 200
-    """Number of rounds that count."""
+    """Number of timed rounds."""
     warmup: int = 20
-    """Number of rounds before them that do not count."""
+    """Number of rounds before the timed ones."""
     threads: int = 2
     """Number of threads of onnxruntime, and of OpenCV."""
     seed: int = 0

@@ -1,4 +1,4 @@
-"""What an ONNX file must not hold, checked before onnxruntime sees it, without the onnx package.
+"""Checks of an ONNX file from a stranger, before onnxruntime sees it and without the onnx package.
 
 An ONNX file is a protobuf message. A tensor in it may say that its values lie in another file, or
 at an address of memory, and onnxruntime follows. So the message is walked here, every graph and

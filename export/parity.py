@@ -49,7 +49,7 @@ Both = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class Parity:
-    """What a comparison of torch and onnxruntime found."""
+    """Result of a comparison of torch and onnxruntime."""
 
     frames: int
     """Number of frame pairs."""

@@ -248,7 +248,9 @@ class Decoder:
                 )
         layout = self.layout
         if corners is None and corners_embedded is not None:
-            raise ParameterError("corners_embedded", "is given without corners")
+            raise ParameterError(
+                "corners_embedded", "is given without corners; give those of both frames"
+            )
         if corners is not None:
             found = as_corners(corners)
             other = found if corners_embedded is None else as_corners(corners_embedded)

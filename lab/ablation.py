@@ -1,4 +1,4 @@
-"""Which switch of the torch decoder pays, and where.
+"""Measure what each switch of the torch decoder is worth, and under which conditions.
 
 A row adds one switch to plain OORC or removes one from the full decoder; a condition is a setting
 of the channel. All rows decode identical captures.
@@ -115,7 +115,7 @@ def ablation_pictures(results: Mapping[str, Results[Ablation]]) -> dict[str, Fig
 
 
 def describe_study(meta: Mapping[str, Any]) -> str:
-    """Say what the numbers are, as Markdown, from what a file of results says of its making."""
+    """Describe the numbers in Markdown, from the provenance in a file of results."""
     flags = meta["flags"]
     bits = flags["frames"] * make_layout().n_bits
     rows = []

@@ -1,4 +1,4 @@
-"""What all studies share: flags, a folder, how tasks run and resume, and the file of the results.
+"""Parts that all studies share: flags, a folder, how tasks run and resume, and the file of results.
 
 A `Study` answers one question. It brings flags of its own, a function that measures, and what shows
 the measured numbers: tables in Markdown, and pictures. `run_study` does the rest. It checks the
@@ -64,7 +64,7 @@ R = TypeVar("R")
 
 @dataclass(frozen=True)
 class Workshop:
-    """Where a study's tasks run, and where their results are kept."""
+    """Runs a study's tasks, and keeps their results."""
 
     out: Path
     """Folder of the study."""
@@ -124,10 +124,10 @@ class Results(Generic[R]):
     """Content of a file of results."""
 
     meta: dict[str, Any]
-    """What produced the numbers: at least what `reports.engine.provenance.Making` names, and the
+    """Provenance of the numbers: at least the keys of `reports.engine.provenance.Making`, and the
     study's ``flags``."""
     content: R
-    """What was measured."""
+    """Numbers that were measured."""
 
 
 @dataclass(frozen=True)
@@ -139,19 +139,23 @@ class Study(Generic[F, R]):
     flags: type[F]
     """Dataclass of its flags, whose docstring the help begins with."""
     content: type[R]
-    """Dataclass of what is measured, made of what JSON holds; files are checked against it."""
+    """Dataclass of the measured numbers, with fields that JSON can hold; files are checked against
+    it."""
     measure: Callable[[F, Workshop], R]
-    """Measures. What takes long runs through the workshop, and so in parallel and resumable."""
+    """Function that measures. Long work runs through the workshop, and so in parallel and
+    resumable."""
     blocks: Callable[[Mapping[str, Results[R]]], Mapping[str, str]]
-    """Shows results, by their label, as Markdown: texts by the name of a page's marked block."""
+    """Function that writes results, by their label, as Markdown: texts by the name of a page's
+    marked block."""
     page: Path | None = None
     """Page of docs/ that has these blocks; None where no page shows them."""
     printed_alone: frozenset[str] = frozenset()
     """Names of the blocks that the command prints and the page leaves out."""
     pictures: Callable[[Mapping[str, Results[R]]], Mapping[str, Figure]] = lambda _: {}
-    """Draws results, by their label: figures by the names of their files, which are PNG."""
+    """Function that draws results, by their label: figures by the names of their PNG files."""
     check: Callable[[F], None] = lambda _: None
-    """Raises an `InputError` that names the first flag with a wrong value, before any work."""
+    """Function that raises an `InputError` for the first flag with a wrong value, before any
+    work."""
     label: Callable[[F], str] | None = None
     """Tells apart results of one study under other flags; without it, a study has one result, whose
     label is the study's name."""

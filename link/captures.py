@@ -59,7 +59,7 @@ class KnownWindow:
         return self.observation.layout
 
     def rectified(self) -> Observation:
-        """What decoders take, as `link.frames.Captured.rectified` gives of a frame pair."""
+        """The capture as decoders take it: the counterpart of `link.frames.Captured.rectified`."""
         return self.observation
 
 
@@ -217,7 +217,7 @@ class Entry:
     def _load_window(self) -> KnownWindow:
         windows = unpack_windows(self.files[0], self.layout)
         if len(windows) != 1:
-            raise InputError(f"holds {len(windows)} windows; need one")
+            raise InputError(f"holds {len(windows)} windows of film; write a file for each")
         return replace(windows[0], kappa=self.kappa, meta=self.meta)
 
     def _load_pair(self) -> Captured:
@@ -251,7 +251,7 @@ def read_manifest(folder: Path) -> list[Entry]:
         )
     entries = [_entry(folder, content, where) for where, content in read_json_lines(file)]
     if not entries:
-        raise InputError(f"{file}: lists no frame pair")
+        raise InputError(f"{file}: lists no frame pair or window; make captures first")
     return entries
 
 

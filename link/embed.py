@@ -35,8 +35,8 @@ kappa of 1 that is about 0.9 CIEDE2000, and a change gives a quarter of the ligh
 WHITE = 5
 """Levels by which the knee lowers white, times kappa less 1; at most to `TOP`."""
 BEFORE = {"on_off": 0.0, "antipodal": 0.5}
-"""By the name of a modulation the share of a block's change by which the original frame lies below
-the picture; the embedded frame lies above the picture by the rest."""
+"""Share of a block's change by which the original frame lies below the picture, by the name of the
+modulation; the embedded frame lies above the picture by the rest."""
 THRESHOLDS = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]]) / 16 + 1 / 32
 """Thresholds in (0, 1) of an ordered dither over each 4 x 4 pixels (Bayer, "An optimum method for
 two-level rendition of continuous-tone pictures", IEEE ICC 1973). The upper half of them lies on the

@@ -10,8 +10,8 @@ class InputError(ValueError):
     """Input from outside is wrong; the message says what, and what to do, in one line."""
 
     code: str = "input"
-    """What is wrong, in a word for programs: one of those that docs/embed.md lists, or ``input``
-    where nothing tells more."""
+    """Code of the kind of error, for programs: one of those that docs/embed.md lists, or ``input``
+    where no other fits."""
 
 
 class ParameterError(InputError):

@@ -202,7 +202,9 @@ def check_corners(
         )
     area = cv2.contourArea(points.astype(np.float32))
     if area < MIN_AREA_PX:
-        raise InputError(f"corners: the display covers only {area:.0f} square pixels")
+        raise InputError(
+            f"corners: the display covers only {area:.0f} square pixels; take the image from nearer"
+        )
     return points
 
 

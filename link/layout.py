@@ -22,8 +22,8 @@ MAX_PIXELS = 20_000_000
 MAX_BLOCKS = 16_384
 """Largest number of blocks of a layout."""
 MODULATIONS = {"on_off": (0, 1), "antipodal": (-1, 1)}
-"""By the name of a modulation the change between the two displayed states, in units of kappa, of a
-block whose bit is 0 and of one whose bit is 1. The paper's is "on_off"."""
+"""Changes between the two displayed states of a block whose bit is 0 and of one whose bit is 1, in
+units of kappa, by the name of the modulation. The paper's is "on_off"."""
 LEAST_PILOTS, MOST_PILOT_SHARE = 32, 0.25
 """Smallest number of pilots that "auto" takes, and the share of a small grid's blocks that it does
 not exceed for that; docs/answered.md says how many a fit needs."""

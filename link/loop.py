@@ -61,7 +61,8 @@ class Loop:
     """Width and height of the display, in pixels; None for what `usual_size` chooses for the first
     picture."""
     fit: str = "cover"
-    """How pictures of other proportions lie on the display; a key of `link.placement.FITS`."""
+    """Way in which pictures of other proportions lie on the display; a key of
+    `link.placement.FITS`."""
     even: bool = False
     """Whether blocks change by what makes all of them equally visible (`link.strength`), of which
     kappa is the least."""
@@ -74,7 +75,7 @@ class Loop:
 
     @cached_property
     def placement(self) -> Placement:
-        """Where the pictures lie on the display, as the first of them decides.
+        """Placement of the pictures on the display, which follows from the first picture.
 
         Raises:
             InputError: the first picture is no good, or the fit is unknown.
@@ -290,7 +291,7 @@ class LoopStates:
 
 @dataclass(frozen=True, eq=False)
 class Carrier:
-    """What a frame pair is made of.
+    """The picture, the bits and the strengths of which a frame pair is made.
 
     A player needs no more than picture and bits, and so spares the time for pairs.
     """
@@ -309,8 +310,8 @@ class Carrier:
     loop: Loop
     """The loop to which it belongs."""
     after: "Carrier | None" = None
-    """What the pair would be made of if it showed the picture of its second state, where that is
-    another one; else None."""
+    """The same frame pair over the picture of its second state, where films show another picture
+    then; else None."""
 
     def shown(self, sign: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """Make both states, before they are turned, in the order in which they are shown.

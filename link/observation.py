@@ -45,7 +45,7 @@ class Observation:
     layout: Layout
     """Grid of blocks, ratex patches and pilots that the frames show."""
     mixture: Mixture
-    """What each exposure mixes."""
+    """Frame pairs that each exposure mixes, and their shares."""
     seen: Map | None = None
     """(T, rows, cols) float32, 1 where a frame shows a block, else 0; None where all are seen."""
     kappa: int | None = None
@@ -118,7 +118,7 @@ class Observation:
 
     @property
     def known(self) -> Map:
-        """What is known of the bits: (rows, cols) float32, -1 or 1 for pilots, 0 for the others."""
+        """Known bits of the blocks: (rows, cols) float32, -1 or 1 for pilots, 0 for the others."""
         return expected_changes(self.layout).astype(np.float32)
 
     @property

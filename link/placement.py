@@ -23,7 +23,8 @@ FITS = {
     "cover": "the whole display; what reaches beyond it is cut off evenly at both ends",
     "stretch": "the whole picture over the whole display, whatever its proportions",
 }
-"""By the name of a way to lay a picture on a display, what is seen of both."""
+"""Ways to lay a picture on a display whose proportions differ, by name, and what each shows of
+both."""
 
 
 USUAL_DISPLAY = (1920, 1080)
@@ -73,7 +74,7 @@ class Placement:
     display_size: tuple[int, int]
     """Width and height of the display, in pixels."""
     fit: str
-    """How a picture of other proportions lies on it; a key of `FITS`."""
+    """Way in which a picture of other proportions lies on the display; a key of `FITS`."""
     given_size: tuple[int, int]
     """Width and height of the pictures before they are resized, in pixels."""
 

@@ -47,7 +47,7 @@ as seen: nothing covers it, and the image does not cut it off."""
 
 @dataclass(frozen=True)
 class TrainingPixels:
-    """Where the training pixels lie in a frame, and what the display showed there."""
+    """Positions of the training pixels in a frame, and the levels and labels displayed there."""
 
     y: NDArray[np.intp]
     """(N,) pixel rows."""
@@ -194,7 +194,7 @@ def training_pixels(layout: Layout, kappa: int = 0) -> TrainingPixels:
 
 @dataclass(frozen=True)
 class PatchMatch:
-    """How the tiles of each ratex patch look in a frame, beside how they were displayed."""
+    """Captured and displayed intensities of the tiles of each ratex patch in one frame."""
 
     captured: NDArray[np.float64]
     """(patches, tiles) captured intensity of each tile less the mean of its patch, gray levels."""

@@ -27,13 +27,14 @@ from link.types import Array, Image
 STEPS_PER_OCTAVE = 16
 """Number of steps of strength from a change to one twice as large."""
 FACTORS = 2.0 ** (np.arange(2 * STEPS_PER_OCTAVE + 1) / STEPS_PER_OCTAVE)
-"""By the number of a block's step the factor of its change over kappa, from 1 to 4."""
+"""Factors from 1 to 4 by which a block's change exceeds kappa, by the number of the block's step of
+strength."""
 EVEN = {
     0: 1.00, 2: 1.05, 4: 1.13, 8: 1.26, 12: 1.25, 16: 1.15, 24: 1.03, 32: 1.00, 40: 1.00, 48: 1.02,
     64: 1.10, 96: 1.29, 128: 1.50, 160: 1.74, 192: 1.97, 224: 2.21, 255: 2.43,
 }  # fmt: skip
-"""By gray level the factor over kappa at which a block's flicker is seen as well as that of kappa
-over the most visible gray."""
+"""Factors over kappa by gray level: with its factor, flicker over each level is as visible as
+flicker of kappa over the most visible gray."""
 MASKING_WEIGHT, MASKING_EXPONENT = 2**-1.9321587, 1.3026227
 """Weight w and exponent q of still brightness in the masking of flicker (ColorVideoVDP 0.5.4,
 `xcm_weights` of the first channel on the fourth, and `mask_q` of the first)."""

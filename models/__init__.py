@@ -57,9 +57,10 @@ class Card:
     """Chooses, by the layout, the folder of the checkpoint that it loads where no other is named;
     None for untrained ones."""
     inverse_response: Literal["", "straight", "fitted", "histogram", "phi"] = ""
-    """How it finds g, from captured to displayed intensity: it takes g for a straight line, fits it
-    to the ratex tiles, takes the picture's histogram for uniform, or has the coefficients of g as
-    the leading weights of its head, as in the paper's Φ; "" where it finds none."""
+    """How the decoder finds g, the map from captured to displayed intensity: "straight" takes a
+    straight line, "fitted" fits it to the ratex tiles, "histogram" takes the picture's histogram
+    for uniform, and "phi" has its coefficients as the leading weights of the head, as in the
+    paper's Φ; "" where it finds none."""
     twin_of: str = ""
     """Method that decides the same by other means; sweeps and curves show that one alone."""
 

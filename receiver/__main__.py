@@ -44,7 +44,7 @@ MIRRORED = (
     "note: the film is mirrored, as by a mirror or a front camera; corners are told as in a frame "
     "that is mirrored back"
 )
-"""What is said of a film that is read mirrored."""
+"""Note that is printed for a film that is read mirrored."""
 KEPT_PICTURES = 50
 """Number of annotated pictures that are kept; later ones replace the oldest, so that an endless
 stream fits a disk."""

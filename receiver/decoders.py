@@ -38,7 +38,7 @@ class Loading(Generic[T]):
 
 
 class PairDecoder(Protocol):
-    """What a receiver asks of a decoder."""
+    """Interface of the decoders that a receiver uses."""
 
     layout: Layout
     """Layout of the displays that it reads."""

@@ -84,7 +84,7 @@ fills them in, too."""
 
 @dataclass(frozen=True)
 class Observations:
-    """What a receiver has seen of a film from which no message came."""
+    """Counts of what a receiver saw in a film without a message; the advice follows from them."""
 
     fps: float
     """Nominal number of frames of the camera in a second."""

@@ -41,7 +41,7 @@ which the images show different states."""
 
 @dataclass(frozen=True)
 class ReceiverStep:
-    """What one camera frame brought."""
+    """Results of one camera frame."""
 
     tracked: SeenFrame | None
     """The frame, if the display was seen in it, else None."""
@@ -132,7 +132,7 @@ class Receiver:
 
     @property
     def observations(self) -> Observations:
-        """What was seen so far, from which `explain_silence` tells why no message came."""
+        """Counts of what was seen so far, by which `explain_silence` says why no message came."""
         sight = self._sight
         measured = max(sight.measured, 1)
         layouts = [self.layout] if self.found else list(self._readers)

@@ -62,12 +62,12 @@ class SeenFrame:
 
     @cached_property
     def match(self) -> PatchMatch:
-        """How the ratex patches look, where the layout has any."""
+        """Comparison of the frame's ratex patches, if there are any, with those displayed."""
         return match_patches(self.rectified, self.layout)
 
     @cached_property
     def toggles(self) -> Real:
-        """What the frame shows of the toggling, (V,) gray levels.
+        """(V,) gray levels by which this frame shows that pilots or patches toggle.
 
         These are the values of the pilots (`link.pilots.pilot_values`), or the toggles of the
         patches (`receiver.timing.toggles.patch_toggles`), NaN where something covers a patch.

@@ -52,7 +52,7 @@ class CameraFrame:
 
 @dataclass(frozen=True)
 class FrameSource:
-    """Where camera frames come from."""
+    """A source of camera frames."""
 
     frames: Iterator[CameraFrame]
     """The frames, in order; they can be taken once."""

@@ -46,7 +46,7 @@ class EventStream:
         self.inbox = Inbox(verifier)
         """Holds the message that was delivered last."""
         self.step = ReceiverStep(None, [], None)
-        """What the last frame brought."""
+        """Results of the last frame."""
         self._scores = scores
         self._in_view = self._clocked = False
         self._time = 0.0

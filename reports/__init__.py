@@ -1,1 +1,1 @@
-"""From decoded frames to numbers, tables and pictures."""
+"""Score decoded frames, and write numbers, tables and pictures."""

@@ -62,7 +62,7 @@ class FilmTrainConfig:
     """Folder of the run; runs/PAIR-films by default. Films that it holds already are not made
     again; a folder that holds another run is refused."""
     filmed: tuple[str, ...] = ("hidden:30", "hidden:60", "fast:60", "robust:30")
-    """What is shown and filmed, PRESET:FPS each."""
+    """Films to train on, each named PRESET:FPS."""
     start: Start = "shipped"
     """Initial constants: those of the shipped film decoder, or "constants" as the code has them."""
     number: int = 102

@@ -72,7 +72,7 @@ class FilmOf:
     """One simulated film and the windows that are kept of it."""
 
     take: Take
-    """What is filmed."""
+    """Setting of the film: preset, rate and kind of picture."""
     seconds: float
     """Length of the film, seconds."""
     most: int = 3
@@ -108,7 +108,7 @@ class FilmSource:
     """Cuts of simulated films, which `reports.engine.predict` decodes."""
 
     settings: FilmSettings
-    """What is shown, and how it is filmed."""
+    """Setting of the film: what is shown, and how it is filmed."""
     seed: int = 0
     """Seed of every random draw."""
     split: str = "test"

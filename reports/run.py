@@ -56,7 +56,7 @@ class Story:
     method: str
     """Label of the method that read it."""
     where: str
-    """Where the capture is from, in words."""
+    """Source of the capture, in words."""
     pictures: list[tuple[str, str]]
     """File in the run's folder, and caption."""
 
@@ -95,10 +95,11 @@ class Response:
 
 @dataclass(frozen=True)
 class About:
-    """How a run was made."""
+    """How, when and where a run was made."""
 
     meta: dict[str, Any]
-    """What made the run, as `reports.engine.provenance.provenance` says it."""
+    """Command, versions, seed and whether it is simulated, as
+    `reports.engine.provenance.provenance` gives them."""
     commit: str
     """Commit of the checkout; empty where there is no git."""
     machine: Machine
@@ -108,7 +109,7 @@ class About:
     seconds: dict[str, Number]
     """Seconds that were spent, by what took them."""
     notes: list[str]
-    """What a reader must know: methods that were left out, cells that failed."""
+    """Notes for the reader: methods that were left out, cells that failed."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +131,7 @@ class Run:
     responses: list[Response]
     """Responses that methods found; empty where they were not measured."""
     films: FilmEvidence | None
-    """What was seen of films; None where none was received."""
+    """Measurements of the receiver on films; None where no film was received."""
 
     @property
     def seed(self) -> int:
@@ -312,5 +313,5 @@ class RunFolder:
 
 
 def _plain(value: Any) -> Any:
-    """What JSON does not know, as an object where it is a dataclass, and as text elsewhere."""
+    """Turn a value that JSON does not know into an object, if it is a dataclass, else into text."""
     return vars(value) if is_dataclass(value) else str(value)

@@ -40,16 +40,16 @@ USUAL_REFRESH = 60.0
 SAME_RATE = 0.02
 """Share by which a rate may be slower than was asked for and still be it, as in player.html."""
 NEEDED = "note: {:g} states a second need a camera of {:g} frames a second{}"
-"""What is said of the camera that reads what was written."""
+"""Note about the camera that reads the message."""
 BETTER = ", and one of {:g} reads them better; preset robust is for slow cameras"
-"""What is said where a quicker camera helps."""
+"""Note that is printed where a faster camera helps."""
 FLICKER = {
     "seen": "note: the flicker is plain to see ({:.3g} times the threshold of sight), which may "
     "disturb people who are sensitive to it",
     "flashes": "warning: the blocks flash more strongly than WCAG 2.2 (2.3.1) allows, which may "
     "cause seizures; choose a smaller --kappa",
 }
-"""What is said of flicker, by what `Hiding.flicker` finds."""
+"""Notes about flicker, by the result of `Hiding.flicker`."""
 
 
 def message_of(text: str | None, file: Path | None) -> bytes:

@@ -31,8 +31,8 @@ PARTS = {
     "paper": ("paper", 3, 15.0),
     "paper, kappa 5": ("paper", 5, 15.0),
 }
-"""What is shown: by name the preset whose grid it has, kappa in gray levels, and states a second.
-"""
+"""Settings that are shown, by name: the preset whose grid is taken, kappa in gray levels, and
+states a second."""
 SECONDS = 6
 """Time for which each part is shown, seconds: the display is found in the first of them."""
 MESSAGE_BYTES = 120

@@ -21,9 +21,9 @@ CARRIED = {
     },
     "robust": {0: 0.98, 8: 0.99, 20: 1.0},
 }  # fmt: skip
-"""By preset and a block's gray level the share of its bit that the scores of a frame pair tell, 1
-for a bit that is certain. It was measured with two simulated cameras of a frame for each state or
-two, of which displays of patches of 18 gray levels covered 40 %."""
+"""Share of a bit's information that the scores of one frame pair give, from 0 to 1, by preset and
+gray level of the block. It was measured with two simulated cameras, whose frame rates were the
+states' and half of it, on displays of which patches of 18 gray levels covered 40 %."""
 DIM = 0.65
 """Share of the bits from which on a picture counts as bright enough."""
 SHRUNK_PX = (64, 48)
@@ -33,7 +33,7 @@ DARK = (
     "note: the picture is dark: about {:.0%} of the bits come through ({:,.0f} a second), and the "
     "display is found late or not at all; a brighter picture or display helps, and preset robust"
 )
-"""What is said of a dark picture."""
+"""Note that is printed for a dark picture."""
 
 
 def carried_share(picture: NDArray[np.uint8], preset: str) -> float:

@@ -48,7 +48,7 @@ from link.types import Image
 TILE = len(THRESHOLDS)
 """Number of pixels, along either axis, after which the dither repeats."""
 PACKING = 4
-"""How hard arrays are packed, 0 to 9; a picture of 1920 x 1080 pixels takes some 0.2 s."""
+"""Compression level of arrays, 0 to 9; a picture of 1920 x 1080 pixels takes some 0.2 s."""
 EMBEDDED_BYTES, MAX_FILM_BYTES = 2**26, 2**31
 """Size of the largest film that a page holds, and of the largest that it plays at all."""
 TEMPLATE = Path(__file__).with_name("player.html")

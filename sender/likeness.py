@@ -30,7 +30,7 @@ each row and column is taken, or every fifth and so on; an odd step meets all of
 
 @dataclass(frozen=True)
 class Likeness:
-    """What the first frame pairs of a loop look like, beside the picture."""
+    """A loop's first frame pairs and their mean over time, to be compared with the picture."""
 
     picture: NDArray[np.uint8]
     """(height, width, 3) the loop's first picture as it lies on the grid, encoded RGB."""

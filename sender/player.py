@@ -42,11 +42,12 @@ PLAYED = {
     ".webm": "video/webm",
     ".ogv": "video/ogg",
 }
-"""By the ending of a video's name its type, where browsers play such videos by themselves."""
+"""Media types by the suffix of a video file, for videos that browsers can play."""
 PART_BYTES = 3 * 2**23
 """Size of the parts of a film that lies beside its page."""
 SCRIPTS = "script-src 'unsafe-inline'"
-"""What the page's policy says of scripts; one with parts of a film loads those beside it, too."""
+"""Scripts that the page's Content-Security-Policy allows. A page with a film in parts also allows
+the files beside it."""
 LARGEST_MEGAPIXELS = 1e6
 """Limit of a film's pixels, in millions, where its first picture has passed the usual one."""
 MOST_BLOCK_PIXELS = 2**14 - 1

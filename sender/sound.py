@@ -15,7 +15,7 @@ except ModuleNotFoundError:
     av = None  # type: ignore[assignment]
 
 SILENT = "note: {}: is written without its sound; {}"
-"""What is said where sound is left out."""
+"""Note that is printed where sound is left out."""
 
 
 def add_sound(video: Path, film: Path, film_s: float) -> None:

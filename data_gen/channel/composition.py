@@ -38,7 +38,7 @@ BLUR_REACH = 4.0
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """What of the room lies on one plane, as the sensor collects it before any gain."""
+    """A part of the room on one plane, as the sensor collects its light before any gain."""
 
     light: Light
     """Collected light times cover, (H + 2 margin, W + 2 margin, 3) float32; 1 saturates the
@@ -114,7 +114,7 @@ class Viewpoint:
     noise_scale: float
     """Standard deviation of the noise relative to that of a single native pixel."""
     lamp: NDArray[np.float64]
-    """Where a lamp is mirrored in the display, as `display.room_light` takes it, (2,)."""
+    """(2,) position of a lamp's mirror image in the display, as `display.room_light` takes it."""
     surroundings: tuple[Layer, ...] = ()
     """The room around the display, from the farthest layer to the nearest; nothing for an even dark
     of `optics.SURROUNDINGS`, which shares every gain of the display's light."""

@@ -41,7 +41,7 @@ def check_view(view_deg: float, name: str = "view_deg") -> float:
 
 @dataclass(frozen=True)
 class Pose:
-    """Where a camera stands that looks at the picture's centre, from ``view_deg`` to its right."""
+    """Position of a camera that looks at the picture's centre, from ``view_deg`` to its right."""
 
     view_deg: float
     """Horizontal angle from the display's normal, degrees."""

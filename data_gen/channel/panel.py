@@ -34,7 +34,7 @@ DITHER = np.array([[0, 2], [3, 1]], np.uint8)
 """Offsets of a block of 2 x 2 pixels, in levels of eight bits, before a six-bit panel rounds them
 down: each of the four offsets occurs in each block at each refresh."""
 DITHER_ORDER = (0, 2, 1, 3)
-"""What successive refreshes add to the offsets, modulo 4: each pixel has all four in four
+"""Numbers that successive refreshes add to the offsets, modulo 4. Each pixel has all four in four
 refreshes, and those that differ most follow each other."""
 LEVELS_OF_TABLE = (0, 128, 255)
 """Levels for which a display states how fast its pixels follow."""

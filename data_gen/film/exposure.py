@@ -41,7 +41,7 @@ MOST_ISO = 64.0
 
 @dataclass(frozen=True)
 class Exposure:
-    """How one frame is exposed."""
+    """Gain, shutter and noise of one frame."""
 
     gain: float
     """Exposure relative to that for which the camera's white level is stated."""

@@ -30,7 +30,7 @@ browser's video element changes the picture when it likes."""
 
 @dataclass(frozen=True)
 class FilmSettings:
-    """What is shown, and how it is filmed: a message in a hand-held video (simulated)."""
+    """A message in a hand-held video (simulated): what the display shows, and how it is filmed."""
 
     kappa: int = 3
     """Gray levels added to a block that carries a 1."""

@@ -139,7 +139,7 @@ class Scene:
     view_deg: float
     """Nominal angle of observation, degrees."""
     pose: Pose
-    """Where the camera stands."""
+    """Position of the camera."""
     room: str
     """Name of the room's light, a key of `rooms.ROOMS`."""
     level: float

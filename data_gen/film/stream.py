@@ -39,7 +39,7 @@ class StateLoop(Protocol):
 
 
 States = StateLoop | Callable[[int], NDArray[np.uint8]]
-"""What a display shows: the states of a loop, or a function of the state's number."""
+"""The states that a display shows: those of a loop, or a function of the state's number."""
 MAX_CLOCK_ERROR = 0.01
 """Largest share by which the drawn clocks of camera and display differ."""
 UNENDING_LOOP_S = 60.0

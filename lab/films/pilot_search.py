@@ -1,4 +1,4 @@
-"""How often displays are found by their pilots.
+"""Measure how often, how soon and how well displays are found by their pilots.
 
 Nothing visible marks a display with pilots. Here `PilotSearch` looks for it in simulated hand-held
 films of rooms: of displays that show a preset over a picture or a film, of displays that show these
@@ -73,7 +73,7 @@ STAGES = {
 }
 """Stages through which the true corners pass, and what each of them waits for."""
 STAGE_OF_TRIAL = {"weighed": "proposed", "verifying": "weighed", "verified": "verified"}
-"""Stage that corners have reached by the stage of a trial (`Trial.stage`)."""
+"""Stage of `STAGES` that corners have reached, by the stage of a trial (`Trial.stage`)."""
 NEAR = 1 / 55
 """Largest distance of corners from the true ones, as a share of the root of the display's area, at
 which they are taken for them: a block of the preset `hidden`, of 48 x 64."""
@@ -89,7 +89,7 @@ class PilotSearchFlags(StudyFlags):
     """Presets that displays show, before which cameras; keys of CAMERAS in
     lab/films/pilot_search.py."""
     seen: tuple[str, ...] = tuple(SEEN)
-    """What the films show, keys of SEEN in lab/films/pilot_search.py."""
+    """Kinds of films, keys of SEEN in lab/films/pilot_search.py."""
     films: int = 40
     """Number of films of each preset and of each thing they show."""
     seconds: float = 2.0
@@ -108,7 +108,7 @@ class SearchTake:
     preset: str
     """Name of the display's preset and the camera's rate; a key of `CAMERAS`."""
     seen: str
-    """What the film shows; a key of `SEEN`."""
+    """Kind of the film; a key of `SEEN`."""
     number: int
     """Number of the film among those of its preset and kind."""
     seconds: float
@@ -143,7 +143,7 @@ class SearchOutcome(Trace):
     preset: str
     """Name of the display's preset and the camera's rate; a key of `CAMERAS`; or of a folder."""
     seen: str
-    """What the film shows; a key of `SEEN`."""
+    """Kind of the film; a key of `SEEN`."""
     number: int
     """Number of the film among those of its preset and kind."""
     view_deg: float | None
@@ -159,7 +159,7 @@ class SearchOutcome(Trace):
 
 @dataclass(frozen=True)
 class SearchContent:
-    """What was found."""
+    """Results of all films."""
 
     outcomes: list[SearchOutcome]
     """One entry for each film."""

@@ -87,7 +87,7 @@ class RatesFlags(StudyFlags):
 
 @dataclass(frozen=True)
 class Delivery:
-    """What became of one message."""
+    """Result of one message."""
 
     pair: str
     """Camera-display pair."""
@@ -125,7 +125,7 @@ class FilmSeries:
 
 @dataclass(frozen=True)
 class RatesContent:
-    """What was measured."""
+    """Results of all settings and views."""
 
     series: list[FilmSeries]
     """One entry for each setting and view."""

@@ -119,7 +119,7 @@ class SignedMessage:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What a `Verifier` thinks of a message."""
+    """Judgement of a `Verifier` on a message."""
 
     signed: SignedMessage | None
     """The message, or None where its tag does not fit."""

@@ -99,10 +99,10 @@ class CodedScores:
 
 @dataclass(frozen=True)
 class Attempt:
-    """Decoding that is under way, of what a loop had brought when it began."""
+    """Decoding that is under way, of the scores that a loop had collected when it began."""
 
     loop: CodedScores
-    """What was collected; it may have grown since."""
+    """Scores of the loop; more may have been added since decoding began."""
     steps: Steps[Content | None]
     """Steps of the decoding, which return the message or None."""
 
@@ -116,7 +116,8 @@ class WaitingFrame:
     count: int
     """Number of the frame on the display, from any start."""
     read: ReadFrame | None
-    """What the frame says by its number in the loop, or None while that is not sure."""
+    """The frame's scores read under its number in the loop, or None while the number is not
+    sure."""
 
 
 class FineCollector:

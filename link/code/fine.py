@@ -162,7 +162,7 @@ def read_terms(pieces: NDArray[np.integer], n_bits: int) -> Terms | None:
 
 @dataclass(frozen=True)
 class Shape:
-    """How the bits of a frame are shared out."""
+    """Where the bits of a frame's words and the coded bits lie among its message blocks."""
 
     n_bits: int
     """Number of message blocks of a frame."""
@@ -231,7 +231,7 @@ def encode_fine(message: bytes, n_bits: int, signed: bool = False) -> NDArray[np
 
 
 class ReadFrame:
-    """What the scores of a frame say, once its number is known.
+    """Log-likelihoods of a frame's words, and scores of its coded bits, by its known number.
 
     Args:
         scores: (n_bits,) log-likelihood ratios, positive for 1; 0 for an erasure.

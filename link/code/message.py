@@ -9,7 +9,7 @@ block can look certain, and no single block should decide."""
 
 
 class Content(NamedTuple):
-    """What a loop carries, as `encode` takes it."""
+    """Content of a loop, as `encode` takes it."""
 
     data: bytes
     """The bytes that were sent."""

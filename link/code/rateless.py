@@ -23,8 +23,9 @@ from link.types import Floats
 MIN_INFORMATION, MAX_INFORMATION = 256, 16384
 """Smallest number of information bits in a block, and the largest that a message is cut into."""
 DEGREES = {1: 20, 2: 450, 3: 180, 4: 75, 5: 95, 8: 95, 19: 60, 65: 25}
-"""By the number of intermediate bits in a coded bit, how many of 1000 coded bits have it. Close to
-Shokrollahi's distribution, with more coded bits of degree 1, by which a clean channel starts."""
+"""Numbers of coded bits, of 1000, by the number of intermediate bits whose sum each of them is.
+They are close to Shokrollahi's distribution, with more coded bits of degree 1, with which decoding
+starts on a clean channel."""
 PRECODE_COPIES = 3
 """Number of parity checks of the precode in which each information bit stands."""
 ITERATIONS = 60
@@ -168,7 +169,8 @@ class _Graph:
         starts = np.cumsum(degree[order]) - degree[order]
         reach = np.searchsorted(-degree[order], -np.arange(degree.max()), side="left")
         self.messages_to = [by_bit[starts[:many] + turn] for turn, many in enumerate(reach)]
-        """By turn the message that each of the first bits receives as its turn-th."""
+        """For each turn, the messages to the first bits that receive at least so many; the n-th
+        turn adds the n-th message of each bit."""
         self.edges = edges.size
 
     def decoding_steps(

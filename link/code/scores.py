@@ -7,7 +7,7 @@ from link.code.message import MAX_SCORE
 
 
 def cut_scores(scores: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Cut log-likelihood ratios to ±`MAX_SCORE`; those that are no numbers tell nothing."""
+    """Cut log-likelihood ratios to ±`MAX_SCORE`; NaN becomes 0, which says nothing about a bit."""
     return np.asarray(np.clip(np.nan_to_num(scores), -MAX_SCORE, MAX_SCORE), np.float64)
 
 

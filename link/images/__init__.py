@@ -28,7 +28,7 @@ SPARE_BYTES = 2**24
 MAX_NAME_BYTES = 255
 """Largest length, in bytes, of a file's name on the usual file systems."""
 UNREAD_BRANDS = {b"heic": "HEIC", b"heix": "HEIC", b"mif1": "HEIC", b"avif": "AVIF"}
-"""By the brand in a file's first bytes, kinds of pictures that are not read."""
+"""Kinds of pictures that cannot be read, by the brand in a file's first bytes."""
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 """Endings, in lower case, of the files that count as images where a folder is listed."""
 LUMA = (0.299, 0.587, 0.114)

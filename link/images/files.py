@@ -38,7 +38,7 @@ DEEP_MODES = ("I;16", "I;16B", "I;16L", "I;16N", "I")
 
 @dataclass(frozen=True)
 class Picture:
-    """What an image file holds."""
+    """Pixels and colours of an image file."""
 
     rgb: NDArray[np.uint8]
     """(H, W, 3) uint8, encoded RGB, upright, laid on white."""

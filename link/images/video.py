@@ -147,8 +147,8 @@ class VideoReader:
         self.fps = fps if MIN_FPS <= fps <= MAX_FPS else None
         """Frames a second as the file states them, or None where it states none."""
         self.broken_off: str | None = None
-        """Where the video ended before the time that the file states, in words; None if it did not,
-        or has not yet."""
+        """Time at which the video ended, in words, if that is earlier than the file states; None if
+        it is not, or while the end has not been reached."""
 
     @cached_property
     def rate(self) -> float:

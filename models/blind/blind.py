@@ -98,7 +98,7 @@ def change_terms(tones: Tones) -> Array:
 
 @dataclass(frozen=True)
 class BlindFit:
-    """Where one start of the iteration ended."""
+    """Result of expectation maximisation from one start."""
 
     scores: Array
     """(blocks,) natural log odds that the bit is 1."""

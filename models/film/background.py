@@ -28,7 +28,7 @@ UNKNOWN = 1e4
 
 @dataclass(frozen=True)
 class Spread:
-    """How well all frames tell the level of each block."""
+    """Precision with which all frames together determine the level of each block."""
 
     variance: Tensor
     """(T, B) variances, squared gray levels."""

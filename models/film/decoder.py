@@ -80,7 +80,7 @@ block's surroundings where contrasts are taken."""
 
 @dataclass(frozen=True)
 class ReferenceBlocks:
-    """What the reference says of its B blocks."""
+    """Model of the B blocks that follows from the reference, the mean of all frames."""
 
     S: Tensor
     """(k, B) columns of the signal; the first is the typical response."""
@@ -92,7 +92,7 @@ class ReferenceBlocks:
 
 @dataclass(frozen=True)
 class Shares:
-    """Which frame pairs each exposure mixes, and in which shares (`link.observation.Mixture`)."""
+    """Frame pairs that each exposure mixes, and their shares (`link.observation.Mixture`)."""
 
     shares: Tensor
     """(T, S, B) half the difference of the shares of a pair's two states, in [-1/2, 1/2]; 0 where a
@@ -545,7 +545,7 @@ class Neighbourhood:
 
 
 class Estimates(NamedTuple):
-    """What the rounds have found so far."""
+    """Estimates after a round of the decoder."""
 
     llr: Tensor
     """(P, B) log-likelihood ratios of the bits."""

@@ -60,7 +60,7 @@ class HiddenRatex:
     """
 
     threshold: str = "clusters"
-    """Where the threshold comes from: "clusters" finds it in each frame; "constant" is the paper's,
+    """Rule for the threshold. "clusters" finds it in each frame; "constant" is the paper's,
     half-way between the changes of bit 0 and bit 1, which is half of kappa for on-off."""
     shrinkage: float = 1.0
     """Number of pseudo-observations that pull the variance of each class to the common one. 0 is as

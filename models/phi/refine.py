@@ -48,7 +48,7 @@ def typical_response() -> nn.Parameter:
 
 @dataclass(frozen=True)
 class Fit:
-    """What a ridge solve says of K coefficients."""
+    """Posterior of the K coefficients of a ridge problem."""
 
     covariance: Tensor
     """(B, K, K) covariance."""
@@ -60,7 +60,7 @@ class Fit:
 
 @dataclass(frozen=True)
 class Hypotheses:
-    """What a fit predicts of each block, as bit 1 and as bit 0, at two places of each tensor."""
+    """Predictions of a fit for each block under both labels: index 0 is bit 1, index 1 is bit 0."""
 
     residual: Tensor
     """Change less its prediction, gray levels."""
@@ -71,7 +71,7 @@ class Hypotheses:
 
 
 class Refiner(nn.Module):
-    """What both refiners learn, and the steps that they share.
+    """Learned numbers of both refiners, and the steps that they share.
 
     Args:
         rounds: number of times that it solves for all blocks and decides anew.

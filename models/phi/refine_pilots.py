@@ -64,14 +64,14 @@ class Model:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What one fit says of the bits, and of how well it explains the blocks."""
+    """Scores of the bits from one fit, and measures of how well the fit explains the blocks."""
 
     llr: Tensor
     """(B, 1, R) natural log-likelihood ratios of the bits, each by all other blocks."""
     residual: Tensor
     """(B, 2, R) change less its prediction as bit 1 and as bit 0, gray levels."""
     signal: Tensor
-    """(B, 1, R) what each block changes by for each unit of its bit's change, gray levels."""
+    """(B, 1, R) change of each block for each unit of its bit's change, gray levels."""
     noise: Tensor
     """(B, 1, 1) variance of the noise, relative to the learned one."""
     variance: Tensor

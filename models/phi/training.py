@@ -40,7 +40,7 @@ BATCH_BLOCKS = 16_384
 
 @dataclass(frozen=True)
 class StepResult:
-    """How well the decoder did on a batch, before the step that it took from it."""
+    """Loss and accuracy of the decoder on a batch, before the training step on this batch."""
 
     loss: float
     """Mean cross-entropy of a message bit, in nats."""

@@ -56,8 +56,8 @@ class Located:
     """A display found in an image."""
 
     corners: Corners
-    """In pixels: top-left of the displayed picture first where ratex
-    patches told the orientation, else the corner order nearest to upright in the image."""
+    """(4, 2) pixels. Where ratex patches told the orientation, the top-left corner of the displayed
+    picture comes first; else the corner order is the one nearest to upright in the image."""
     score: float
     """How sure the display is, in [0, 1]. Where ratex patches were sought it is
     `link.ratex.patch_correlation`, else a logistic score of

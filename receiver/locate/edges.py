@@ -37,8 +37,8 @@ WHITE_QUANTILE = 0.95
 """Quantile of the image's levels that counts as white, but for some levels more: a
 lamp or a reflection should cover less than the rest, 5 % of the image."""
 RIM_PX = -2.5
-"""Where the rim of a display is looked at, in pixels along the inward normal of its sides: the
-middle of the `REACH` pixels outside, clear of the blur of the edge."""
+"""Distance from the sides of a display, in pixels along the inward normal, at which its rim is
+measured: the middle of the `REACH` pixels outside, clear of the blur of the edge."""
 CONTENT_SCALES, BEYOND_SCALE = (0.85, 0.6, 0.3), 1.12
 """Factors by which a quadrilateral shrinks to where its content is looked at, and grows to where
 its surroundings are. `receiver.locate.candidates.WEIGHTS` were fitted

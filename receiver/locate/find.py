@@ -172,7 +172,7 @@ def _best_on_patches(
     turns: tuple[int, ...],
     avoid: Sequence[Corners],
 ) -> Steps[Located | None]:
-    """Where the patches are seen best, or the first place where they surely are, or None."""
+    """Find the best match of the patches, or the first certain one; None if nothing matches."""
     best: Located | None = None
     for quad in quads:
         turned = [np.roll(quad, -turn, axis=0) for turn in turns]
@@ -199,7 +199,7 @@ def _best_partial(
     bent: NDArray[np.float64],
     avoid: Sequence[Corners],
 ) -> Steps[Located | None]:
-    """Where the patches of a display that is partly in view are seen best, or None.
+    """Find the best match of the patches of a display that is partly out of view, or None.
 
     Args:
         image: an `Image`.

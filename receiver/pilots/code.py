@@ -74,8 +74,8 @@ class CodeLock:
     """Minus the natural logarithm of the probability that chance does as well in one of all the
     clocks that were tried."""
     rival: float
-    """What the best clock with quite another state in the newest frame explains, as a share of what
-    this clock explains; 1 without evidence."""
+    """Evidence of the best clock that shows another state in the newest frame, as a share of this
+    clock's; 1 where there is none."""
 
 
 class CodeSearch:

@@ -38,9 +38,9 @@ MOTIONS = (
     ((0, -1, 2, 0), (1, -1, 1, 1)),
     ((0, -1, 1, 1), (1, -1, 0, 2)),
 )
-"""How each of the eight numbers of a homography moves a point (x, y) of a display from -1 to 1, to
-first order: along which axis, 0 for x and 1 for y, with which sign, and with which powers of x and
-of y. The last two move it along both axes."""
+"""Effect of each of the eight numbers of a homography on a point (x, y) of a display from -1 to 1,
+to first order. Each entry is an axis, 0 for x and 1 for y, a sign, and powers of x and of y. The
+last two numbers move the point along both axes."""
 
 
 def map_size(layout: Layout) -> tuple[int, int]:

@@ -1,4 +1,4 @@
-"""How strongly blocks at the pilots' places toggle with the pilots' signs.
+"""Measure how strongly blocks at the pilots' places toggle with the pilots' signs.
 
 A pilot is a block whose bit is known, so the sign with which it toggles is known too: from one
 state of the display to the next, all pilots of bit 1 change one way and all of bit 0 the other way.

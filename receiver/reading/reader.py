@@ -40,7 +40,7 @@ class DecodedPair:
     soft: SoftBits
     """Scores as they went to the collector: 0 for an erased block."""
     shown: Shown
-    """What the camera saw of the pair."""
+    """States of the pair, composed of camera frames."""
     progress: float
     """Information received for the message so far, as a share of what is needed."""
 

@@ -15,7 +15,7 @@ from receiver.reading.states import DisplayState, block_purity
 
 
 class Shown(Protocol):
-    """What the camera saw of the two states of a frame pair."""
+    """The two states of a frame pair, composed of camera frames."""
 
     @property
     def images(self) -> tuple[Image, Image]:
@@ -101,6 +101,6 @@ class ReadPair:
     soft: SoftBits
     """Scores, 0 for erased blocks."""
     shown: Shown
-    """What the camera saw of it."""
+    """States of the pair, composed of camera frames."""
     mixed: float = 0.0
     """Share in [0, 1] of the blocks' trust that mixed exposures cost."""

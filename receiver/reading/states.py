@@ -21,7 +21,7 @@ clock are told apart by their toggles."""
 
 @dataclass(frozen=True)
 class DisplayState:
-    """What one state of the display, an original or an embedded frame, looked like."""
+    """One state of the display, an original or an embedded frame, as camera frames show it."""
 
     image: Image
     """An `Image`, rectified."""

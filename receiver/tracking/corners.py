@@ -49,10 +49,10 @@ change with where memory lies, and without them a film is read alike each time."
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Where a display was known to lie when a frame was rectified."""
+    """Prediction of where a display lies, with which a frame was rectified."""
 
     shift: "CornerShift"
-    """What says where the display lies, and learns from the frame."""
+    """Tracker that made the prediction, and that learns from the frame."""
     total: Array
     """(8,) sum of all moves by then, numbers of a homography of a display from -1 to 1."""
     H_followed_from_shown: Homography
@@ -69,7 +69,7 @@ class CornerShift:
     def __init__(self, layout: Layout) -> None:
         self.layout = layout
         self.placement = Placement(self, np.zeros(8), np.eye(3))
-        """Where the display is known to lie now."""
+        """The display's place in the newest frame."""
         self._maps = GridMaps(layout, map_size(layout))
         block = 2 * max(1 / layout.cols, 1 / layout.rows)
         self._information = np.eye(8) / (FIRST_BLOCKS * block) ** 2

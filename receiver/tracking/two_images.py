@@ -29,7 +29,7 @@ class DisplayInBoth:
     """A display that two photographs show."""
 
     layout: Layout
-    """What it shows, one of those looked for."""
+    """Layout that the display shows, one of those looked for."""
     corners: tuple[Corners, Corners]
     """Pixels of the first and of the second photograph."""
 

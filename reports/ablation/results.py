@@ -1,4 +1,4 @@
-"""What an ablation measures: every row against its references, on identical captures."""
+"""Results of an ablation: every row against its references, on identical captures."""
 
 from dataclasses import dataclass, field
 
@@ -68,7 +68,7 @@ class CellBehind:
 
 @dataclass(frozen=True)
 class Ablation:
-    """What was measured."""
+    """Results of an ablation."""
 
     entries: list[AblationEntry]
     """One entry for each row in each condition."""

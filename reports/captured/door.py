@@ -44,7 +44,7 @@ Known = KnownWindow | Captured
 
 @dataclass(frozen=True)
 class Recordings:
-    """What was recorded, and what was shown; nothing is decoded yet."""
+    """Recordings and what they show; nothing is decoded yet."""
 
     films: tuple[tuple[Path, tuple[Sent, ...]], ...]
     """Films and what each shows, a loop or those of a bench; one folder where it holds photographs.

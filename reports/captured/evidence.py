@@ -1,4 +1,4 @@
-"""What the report says of films: where and when bits are wrong, and what the receiver saw."""
+"""Evidence about films in the report: where and when bits are wrong, and what the receiver saw."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -35,7 +35,7 @@ PICTURES = "stories"
 
 @dataclass(frozen=True)
 class Place:
-    """Where the display was at a time."""
+    """Corners of the display at a time."""
 
     time_s: Number
     """Time, seconds of the film."""
@@ -45,7 +45,7 @@ class Place:
 
 @dataclass(frozen=True)
 class FilmSeen:
-    """What the receiver saw of a film."""
+    """Measurements of a receiver on one film."""
 
     film: str
     """Name of the film."""
@@ -70,17 +70,17 @@ class FilmSeen:
     cut: Count = 0
     """Number of frames with a part of the display outside the image."""
     places: list[Place] = field(default_factory=list)
-    """Where the display was, some times a second."""
+    """Corners of the display, some times a second."""
 
 
 @dataclass(frozen=True)
 class WrongBits:
-    """Wrong bits of a method at some value of what is told apart, such as a time."""
+    """Wrong bits of a method in one bin, such as a stretch of time."""
 
     method: str
     """Label of the method."""
     value: Number
-    """The value: seconds of the film, or a captured gray level."""
+    """Middle of the bin: seconds of the film, or a captured gray level."""
     wrong: Count
     """Number of wrong bits."""
     known: Count
@@ -94,7 +94,7 @@ class FilmEvidence:
     """All that the report says of the films of a run."""
 
     seen: list[FilmSeen]
-    """What the receiver saw of each film."""
+    """Measurements of the receiver on each film."""
     times: list[WrongBits]
     """Wrong bits over the time of each film."""
     levels: list[WrongBits]

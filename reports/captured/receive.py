@@ -64,7 +64,7 @@ def open_readers(layout: Layout) -> tuple[PairDecoder, WindowDecoder | None]:
 
 @dataclass(frozen=True)
 class Cut:
-    """What was cut from a film, and how it was read: a window, or successive frame pairs."""
+    """A part that was cut from a film, and its scores: a window, or successive frame pairs."""
 
     begin_s: float
     """Time at which it begins, seconds of the film."""
@@ -119,7 +119,7 @@ def pair_of_window(window: KnownWindow, number: int) -> Captured:
 
 @dataclass
 class Reception:
-    """What a receiver saw of a film."""
+    """Parts of a film, and measurements of the receiver on it."""
 
     cuts: list[Cut] = field(default_factory=list)
     """Windows, or stretches of frame pairs, in order."""

@@ -1,4 +1,4 @@
-"""What a display showed, from what the sender wrote: a player, or a folder of states."""
+"""Read what a display showed from the sender's files: a player, or a folder of states."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from sender.write import SENT
 MOST_BYTES = 2**30
 """Largest size of a player that is read, bytes."""
 BEGIN, END = '<script type="application/json" id="loop">', "</script>"
-"""What stands before and after the loop in the page of a player."""
+"""Text before and after the loop in the page of a player."""
 
 
 @dataclass(frozen=True)

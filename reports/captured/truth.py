@@ -1,4 +1,4 @@
-"""Which part of the loop a film shows: by matching what was read with what was sent.
+"""Find the part of the loop that a film shows, by matching the bits read with those sent.
 
 A decoder that read the film says of each bit how sure it is, so it says how many of its bits should
 be wrong. Where it is sure and no part of the loop fits, the film shows something else. Where it is
@@ -26,7 +26,7 @@ one before the film is taken to jump from the one to the other."""
 
 @dataclass(frozen=True)
 class Match:
-    """What successive frame pairs show of a loop."""
+    """Match of successive frame pairs with a part of the loop."""
 
     kind: Literal["fits", "jumps", "other", "unclear"]
     """Whether a part of the loop fits all frame pairs, or not some of them, though a part fits

@@ -1,4 +1,4 @@
-"""Where independent tasks run: processes of this machine, or the workers of a Dask cluster.
+"""Run independent tasks, in processes of this machine or on the workers of a Dask cluster.
 
 A task that fails is reported, and the others go on.
 """
@@ -33,7 +33,7 @@ CONNECT_S = 10
 
 @dataclass(frozen=True)
 class Backend:
-    """How many processes, and where."""
+    """Number of processes, or a cluster, for tasks."""
 
     jobs: int = 1
     """Processes of this machine; 1 stays in this one."""
@@ -43,7 +43,7 @@ class Backend:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of the task number ``index``: its result, or why it failed, as text.
+    """Outcome of the task number ``index``: its result, or the text of the error.
 
     Exceptions of some packages cannot be sent between processes.
     """
@@ -51,9 +51,9 @@ class Outcome:
     index: int
     """Number of the task among those that were given."""
     result: Any = None
-    """What the task returned; None where it failed."""
+    """Return value of the task; None where it failed."""
     reason: str = ""
-    """What went wrong, in one line; empty where nothing did."""
+    """Error in one line; empty where there was none."""
     trace: str = ""
     """Python's traceback; empty where there is none."""
 

@@ -100,7 +100,7 @@ def package_versions() -> list[str]:
 
 
 def _file(module: str, root: Path) -> Path:
-    """Where a module would be if it is ours."""
+    """Path that the file of a module has if the module is ours."""
     place = root / module.replace(".", "/")
     return place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
 

@@ -39,7 +39,7 @@ class Method:
     options: tuple[tuple[str, Any], ...] = ()
     """Fields of the decoder's dataclass, as (name, value)."""
     label: str = field(default="")
-    """What tables call it; the name where none is given, or that of the class alone."""
+    """Name of the method in tables; by default its name, or that of its class alone."""
     by_pairs: bool = False
     """Whether it reads films pair by pair even where its class reads windows."""
 

@@ -48,7 +48,8 @@ from reports.engine.records import (
 from reports.engine.stored import resume
 
 STORED_VERSION = 3
-"""Raise it when `decode_cell` changes what it returns, so that older results are not read again."""
+"""Version of what `decode_cell` returns; raise it when that changes, so that older results are not
+read again."""
 Line = dict[str, Any]
 Decoded = tuple[list[Line], dict[str, str]]
 """Predictions of a cell, and by label why methods do not suit it."""
@@ -61,7 +62,7 @@ class Condition:
     """Cells of the comparison under one setting of the channel."""
 
     name: str
-    """Tells conditions of a study apart; "" where there is one."""
+    """Name that tells conditions of a study apart; "" where there is only one."""
     source: Any
     """An `ObservationSource`: pictures, seed, and the channel as it is set."""
     cells: tuple[Any, ...]
@@ -72,7 +73,7 @@ class Condition:
     start: int = 0
     """Number of the first observation."""
     called: str = ""
-    """What messages call its one cell; empty where they name condition, pair, view and kappa."""
+    """Name of its only cell in messages; if empty, they name condition, pair, view and kappa."""
 
     @property
     def indices(self) -> range:
@@ -82,7 +83,7 @@ class Condition:
 
 @dataclass(frozen=True)
 class Predicted:
-    """What a study decoded."""
+    """Predictions of a study."""
 
     records: pd.DataFrame
     """The table of predictions, with conditions, cells and observations in the order given."""
@@ -112,7 +113,7 @@ class Task:
         return f"{name + ', ' if name else ''}{cell.pair}, {cell.view_deg:g}°, kappa {cell.kappa}"
 
     def key(self, method: Method, index: int) -> tuple[Any, ...]:
-        """What `key_of` says of the prediction of one observation."""
+        """Key of the prediction of one observation, as `key_of` makes it."""
         cell, label = self.cell, method.label
         place = self.condition.name, label, cell.pair, cell.view_deg, cell.kappa, index
         return *place, self.marks[label]
@@ -273,7 +274,7 @@ def decode_cell(task: Task) -> Decoded:
 
 
 class ObservationSource(Protocol):
-    """Where observations come from; `observe` knows how each kind makes them."""
+    """Source of observations; `observe` knows how each kind makes them."""
 
     @property
     def layout(self) -> Layout:

@@ -1,4 +1,4 @@
-"""How thresholds are set: learned in each frame pair, or fixed as the paper has them."""
+"""Rules for thresholds: learned in each frame pair, or fixed as in the paper."""
 
 from collections.abc import Sequence
 from typing import Any

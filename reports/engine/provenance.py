@@ -1,4 +1,4 @@
-"""What produced a result: command, versions, seed, commit and machine."""
+"""Provenance of a result: command, versions, seed, commit and machine."""
 
 import os
 import platform
@@ -21,7 +21,7 @@ STATED_PACKAGES = (
 
 @dataclass(frozen=True)
 class Making:
-    """What every stored result says of its making, beside the versions of packages."""
+    """Keys that state how a stored result was made, beside the versions of packages."""
 
     seed: Annotated[int, Field(ge=0)]
     """Seed of all random draws."""
@@ -51,7 +51,7 @@ def command() -> str:
 
 
 def provenance(seed: int, simulated: bool) -> dict[str, Any]:
-    """What a stored result says of its making: whether it is simulated, seed, command, versions."""
+    """State how a result was made: whether it is simulated, seed, command, versions."""
     return {
         "simulated": simulated,
         "seed": seed,

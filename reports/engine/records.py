@@ -65,7 +65,7 @@ class Prediction:
 
 @dataclass(frozen=True)
 class Truth:
-    """What is known of an observation beside the camera's frames, for its record alone."""
+    """Facts about an observation beside the camera's frames, for its record alone."""
 
     pair: str
     """Name of the camera-display pair, or "captures" where it is not known."""
@@ -80,7 +80,7 @@ class Truth:
 
 
 def truth_of(captured: Captured | KnownWindow) -> Truth:
-    """What is known of a frame pair, or of a window of film."""
+    """Facts about a frame pair, or about a window of film."""
     meta: dict[str, Any] = captured.meta
     bits = np.full(captured.layout.n_bits, -1) if captured.bits is None else captured.bits
     return Truth(

@@ -1,4 +1,4 @@
-"""What the report shows beside the main comparison: sweeps, pictures, and responses."""
+"""Evidence in the report beside the main comparison: sweeps, pictures, and responses."""
 
 import contextlib
 from collections.abc import Iterator, Sequence

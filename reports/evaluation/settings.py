@@ -1,4 +1,4 @@
-"""What a comparison's settings ask for beside it, and which of them decide its result.
+"""Settings of a comparison: the sweeps that they ask for, and those that decide its result.
 
 Settings are compared with the usual ones, which are the defaults of the command's flags.
 """

@@ -34,7 +34,7 @@ class Sweep:
     quick: tuple[float, ...]
     """Values that a quick run decodes."""
     note: str = ""
-    """What a reader must know beside the axis."""
+    """Note beside the chart of the sweep."""
     parameter: str = ""
     """Name in data_gen/parameters.py; empty for kappa, the angle and the number of patches."""
     fixed: tuple[tuple[str, Any], ...] = ()

@@ -1,4 +1,4 @@
-"""What a training ends with: the ONNX file, and the comparison on held-out pictures and draws."""
+"""End of a training: the ONNX file, and the comparison on held-out pictures and draws."""
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor

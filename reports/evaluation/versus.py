@@ -25,7 +25,7 @@ SAME = (
 COMPARE_PAGE = "compare.html"
 """Name of the page that a comparison writes into the folder of the second run."""
 MAIN = "main comparison"
-"""Where a comparison is made, if not in a sweep."""
+"""Name of the comparison that is not part of a sweep."""
 HEADS = (
     "method", "A right %", "B right %", "B less A, points", "95 % interval", "errors of B / A",
     "bits only B / only A has right", "McNemar p", "frame pairs", "bits",

@@ -37,7 +37,7 @@ R = TypeVar("R")
 INK, MUTED, RULE, PAPER = "#1b1f24", "#5c6670", "#d9dee3", "#ffffff"
 """Colours of text, of what is less important, of thin lines, and of the page behind them."""
 ON_PAGE = {INK: "currentColor", MUTED: "var(--muted)", RULE: "var(--rule)", PAPER: "var(--paper)"}
-"""What stands for the drawn colours in an SVG of the page; report.css sets the variables."""
+"""Variables of report.css that replace the drawn colours in an SVG of the page."""
 SPARE_COLOURS = ("#7a8a2a", "#5a7d8c", "#a8584a", "#6b6bb0")
 """Colours of labels that are no method's."""
 SPARE_MARKERS = ("o", "s", "D", "^", "v")

@@ -35,7 +35,7 @@ class TableCell:
     tint: Tint = ""
     """Colour on the page: "good" is green, "bad" is red."""
     beside: str = "({})"
-    """How Markdown sets the small text, in place of {}."""
+    """Markdown around the small text, which takes the place of {}."""
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,8 @@ BY = {
     "kappa": "κ",
     "picture": "picture",
 }
-"""What accuracies are given by where it varies: columns of the predictions, and their heads."""
+"""Columns of the predictions by which accuracies are broken down where they vary, and their
+heads."""
 MOST_VALUES = 40
 """Largest number of values by which the page gives accuracies, those with most errors first."""
 

@@ -60,7 +60,7 @@ class StoredScores:
     """Content of a metrics.json."""
 
     meta: dict[str, Any]
-    """What produced the scores."""
+    """Provenance of the scores."""
     rows: list[ScoreRow]
     """One row for each method in each cell."""
 

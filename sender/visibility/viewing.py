@@ -16,7 +16,7 @@ PICTURE_LEVELS = (32.0, 128.0, 230.0)
 METRES_PER_INCH = 0.0254
 """Length of an inch in metres."""
 Where = Literal["block", "screen"]
-"""What flickers: one block alone, or all blocks of the display in phase."""
+"""Area that flickers: one block alone, or all blocks of the display in phase."""
 
 
 @dataclass(frozen=True)

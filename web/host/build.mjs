@@ -12,7 +12,10 @@ import { build } from "esbuild";
 const WEB = dirname(dirname(fileURLToPath(import.meta.url)));
 const PAGE = join(WEB, "page");
 const OPENCV = "4.12.0"; // host/opencv/build.sh names it too
-/** By the name of a page what stands in frame.html around its content. */
+/**
+ * Texts and scripts of the pages that stand in frame.html around their content, by the name of the
+ * page.
+ */
 const PAGES = {
   "index.html": {
     script: "page.js",

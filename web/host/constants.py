@@ -1,4 +1,4 @@
-"""Write what the page shares with Python: generated/constants.js, and events.d.ts beside it.
+"""Write the constants that the page shares with Python: generated/constants.js, and events.d.ts.
 
 Every constant of these modules stands in Python alone. The file has one object for each module that
 the page's JavaScript names, with its constants under their Python names, each with its docstring as

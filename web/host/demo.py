@@ -16,13 +16,14 @@ from sender.hiding import Hiding, Onlooker
 from sender.player import write_player
 
 PRESET, MESSAGE = PRESETS["robust"], "You have just read a display. Now send something yourself."
-"""What the film shows, and its message."""
+"""Preset of the film, and its message."""
 HILLS = {
     "morning": ((127, 163, 199), (242, 217, 192), (255, 243, 214), (138, 160, 106)),
     "noon": ((79, 143, 208), (207, 228, 242), (255, 248, 200), (111, 174, 92)),
     "evening": ((107, 95, 158), (240, 168, 120), (255, 217, 160), (123, 106, 114)),
 }
-"""By the name of a picture the red, green and blue of the sky, of the horizon, sun and hills."""
+"""Red, green and blue of the sky, of the horizon, the sun and the hills, by the name of the
+picture."""
 DRAWN_KAPPA = 36
 """Gray levels by which blocks change where people are to see it."""
 SIZE_PX, FPS, FRAMES = (480, 270), 30, 48

@@ -49,7 +49,7 @@ BUILD_S = 600
 
 @dataclass(frozen=True)
 class Site:
-    """What was built."""
+    """Summary of a built site."""
 
     sizes: dict[str, int]
     """Size of each file in bytes, by its path in the folder."""

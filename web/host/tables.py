@@ -1,4 +1,4 @@
-"""What the pages know of each preset, as numbers that Python works out.
+"""Tables of each preset for the pages, as numbers that Python works out.
 
 Places of pilots, tiles of patches, dither and room for it are drawn here once, so that the pages do
 not repeat it.
@@ -37,7 +37,7 @@ def layout_table(layout: Layout) -> dict[str, Any]:
 
 
 def send_preset(name: str, preset: Preset) -> dict[str, Any]:
-    """Describe a preset to the page that sends: what makes its states, and what is said of it."""
+    """Describe a preset to the page that sends: the numbers that make its states, and its texts."""
     layout, kappa, state_hz = preset.layout, preset.kappa, preset.state_hz
     rule = Compact(layout, kappa)
     hiding = Hiding(layout, state_hz, Onlooker(distance=preset.distance_m), preset.even)

@@ -33,8 +33,8 @@ class WarmFilm(NamedTuple):
     """A display in a room, in its two states."""
 
     layout: Layout
-    """What the display shows: half as many pixels along each axis as its preset has, so that all
-    takes less time."""
+    """Layout of the display: half as many pixels along each axis as its preset has, to save
+    time."""
     states: NDArray[np.uint8]
     """(2, H, W) gray levels: the original and the embedded frame."""
 

@@ -218,7 +218,7 @@ class LiveReceiver:
 
     @property
     def explanation(self) -> str:
-        """What `Receiver.explanation` says."""
+        """Sentence that says what was seen and what helps, as `Receiver.explanation`."""
         return self._receiver.explanation
 
     def push(self, frame: NDArray[np.generic], time: float) -> None:
@@ -337,7 +337,9 @@ def read_pair(
     """
     with _coded("argument"):
         if corners is None and corners_second is not None:
-            raise ParameterError("corners_second", "is given without corners")
+            raise ParameterError(
+                "corners_second", "is given without corners; give those of both frames"
+            )
         if corners is not None and model is None:
             raise ParameterError("model", "name the preset whose display has these corners")
         place = None if corners is None else as_corners(corners)

@@ -1,4 +1,4 @@
-/** What is wrong with what an application gives, as Python's package says it. */
+/** Errors of an application's input, with the codes of the Python package. */
 
 /**
  * What is wrong, in a word for programs: `argument` is of a wrong type or out of range; `frame` is no

@@ -44,7 +44,7 @@ export { InputError };
 /** Periods between two frames, and how often in a row, from which times are taken to be no seconds. */
 const [OTHER_UNIT, OFTEN] = [300, 3];
 
-/** What is looked for, by the name of its preset. @type {Map<string, Layout>} */
+/** Layouts that are looked for, by the name of their preset. @type {Map<string, Layout>} */
 const layouts = new Map();
 /** Decodes windows of film, once it is loaded. @type {FilmGraph} */
 let film;

@@ -25,7 +25,10 @@ export class LiveReceiver {
   isBusy = true;
   /** @type {InputError | null} */
   #failed = null;
-  /** What `Receiver.explanation` said at the end. @type {string | null} */
+  /**
+   * Explanation that the worker's `Receiver` gave when it ended, or null before.
+   * @type {string | null}
+   */
   #explained = null;
   /** Number of frames that were not read because newer ones had come. */
   passedOver = 0;

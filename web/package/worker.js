@@ -6,7 +6,10 @@ import { load, Receiver } from "./index.js";
 /** @type {Receiver} */
 let receiver;
 
-/** What the page asks for, by its name. @type {Record<string, (...given: any[]) => unknown>} */
+/**
+ * Functions that the page may call, by their names.
+ * @type {Record<string, (...given: any[]) => unknown>}
+ */
 const functions = {
   async start(fps, options, folder) {
     await load(folder);

@@ -13,7 +13,7 @@ const FINDING = 0.3;
 const NEARLY = 0.99;
 
 /**
- * What the page is told after each frame that the receiver took.
+ * Observations that the worker sends to the page after each frame that the receiver took.
  *
  * @typedef {object} Seen
  * @property {number[][] | null} corners - of the display in pixels, or null

@@ -15,7 +15,7 @@ import { addressOf, load } from "./site.js";
 /** The film decoder, once the graph is there. @type {FilmGraph | null} */
 let film = null;
 
-/** What the worker does for another one. @typedef {typeof functions} Decoding */
+/** Functions of this worker that another worker may call. @typedef {typeof functions} Decoding */
 const functions = {
   /** Load onnxruntime with the film decoder. */
   prepare: () =>

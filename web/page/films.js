@@ -31,7 +31,7 @@ const NO_FILM = "the file is no film, or none that this page reads (mp4, mov, we
 export class Unreadable extends Error {}
 
 /**
- * What is done with a film.
+ * Callbacks that take the frames of a film.
  *
  * @typedef {object} Viewer
  * @property {(fps: number) => void} begin - is told the film's frames a second, before the first

@@ -31,7 +31,7 @@ const { MIN_KEY_BYTES, MAX_KEY_BYTES, MAX_STAMP } = codeAuthenticate;
 /** Advice where a film shows a display, and not for long or well enough. */
 const FILM_LONGER = "Film longer, closer, or with a steadier hand.";
 
-/** What is said of a film in which no display is found. */
+/** Advice for a film in which no display is found. */
 const MIRRORED = "A mirrored film, as front cameras may make it, is not read: flip it.";
 
 /** @param {string} id @returns {any} */
@@ -45,7 +45,9 @@ const picture = byId("picture");
 const view = byId("view");
 const overlay = new Overlay(view);
 
-/** What is read now; aborted when something else is to be read. */
+/**
+ * Controller of what is read now, a film or the camera; aborted when something else is to be read.
+ */
 let running = new AbortController();
 /** Message that is shown, or null. @type {Uint8Array | null} */
 let shown = null;
@@ -55,9 +57,9 @@ const state = { text: "", since: 0 };
 const refusal = { text: "", advice: "", until: 0 };
 /** @type {Step | null} */
 let lastStep = null;
-/** Reads once more what was read last. */
+/** Reads the film or the camera that was read last once more. */
 let readAgain = () => {};
-/** Whether that was the camera. */
+/** Whether the camera was read last, and not a film. */
 let fromCamera = true;
 /** Whether the camera was told to expose for a shorter time; once is enough. */
 let shortened = false;
@@ -66,7 +68,7 @@ let awake = null;
 /** When the camera's last frame came, and when reading last began or found a display. */
 const times = { frame: 0, hope: 0 };
 
-/** What is said while the receiver's programs are loaded, and what is said then. */
+/** Texts while the receiver's programs are loaded, and while they run for the first time. */
 const [LOADING, GETTING_READY] = ["Loading the receiver", "Getting ready"];
 const WAIT = "It takes a moment. Point the camera at the display.";
 

@@ -14,7 +14,7 @@
  */
 
 /**
- * What became of a frame, or of the film's end.
+ * Result of one frame, or of the film's end.
  *
  * @typedef {object} StepValues
  * @property {boolean} last - whether the film has ended

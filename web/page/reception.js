@@ -16,7 +16,7 @@ import { addressOf, checkVersion } from "./site.js";
 const PROBED = 16;
 
 /**
- * What the page is told.
+ * Callbacks by which the page learns what the worker does.
  *
  * @typedef {object} Listener
  * @property {() => void} loaded - the worker's programs are loaded, and it gets ready to read

@@ -23,7 +23,7 @@ const { MIN_KEY_BYTES, MAX_KEY_BYTES, MAX_STAMP, STAMP_BYTES, TAG_BYTES } = code
 const byId = (id) => document.getElementById(id);
 /** @type {Remote<Sending>} */
 const worker = wrap(new Worker(addressOf("sending.js"), { type: "module" }));
-/** What is shown; each new one takes its place. */
+/** The chosen picture or film; each choice replaces the one before. */
 let picture = drawn("noon");
 /** Whether the preview shows the first picture of a film, which tells nothing of the others. */
 let isFilm = false;
@@ -31,7 +31,7 @@ let isFilm = false;
 let agreed = "";
 /** Share of refreshes that a display may skip without a word. */
 const FEW_SKIPPED = 0.05;
-/** What is said of a picture over which little comes through. */
+/** Advice for a dark picture, over which few bits come through. */
 const DARK =
   "This picture is dark, so that it is read late or not at all. Take a brighter one, or choose “To reach every camera”.";
 /** Modules of white around a QR code (ISO/IEC 18004). */
@@ -45,7 +45,10 @@ function say(text, isError = false) {
   byId("status").classList.toggle("error", isError);
 }
 
-/** What the server's policy forbids this page, once it has; nothing else is said then. */
+/**
+ * Advice that the server's Content-Security-Policy forbids pictures, once it has; it then stays.
+ * Empty before.
+ */
 let forbidden = "";
 document.addEventListener("securitypolicyviolation", ({ effectiveDirective: part }) => {
   if (!/^(img|media)-src/.test(part)) return;

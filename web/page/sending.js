@@ -9,7 +9,7 @@ import { makeFilmLoop, makeLoop } from "../port/sender/loop.js";
 
 /** @typedef {{ key: Uint8Array, stamp: number } | null} Signature */
 
-/** What the worker does for the page. @typedef {typeof functions} Sending */
+/** Functions of this worker that the page may call. @typedef {typeof functions} Sending */
 const functions = {
   /**
    * Make a loop.

@@ -8,7 +8,7 @@ export function addressOf(name) {
   return new URL(`${name}?v=${VERSION}`, self.location.href).href;
 }
 
-/** Take away what is said where the page's program does not run. */
+/** Take away the note that stands on the page where its program does not run. */
 export function started() {
   document.getElementById("trouble")?.remove();
 }

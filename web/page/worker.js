@@ -33,10 +33,10 @@ const WARM_MS = 800;
 const presets = new Map();
 /** Decodes windows of film, once it is loaded. @type {WindowDecoder} */
 let filmScorer;
-/** What is read to get ready; null before it is loaded. @type {WarmFilm | null} */
+/** Film that is read to get ready; null before it is loaded. @type {WarmFilm | null} */
 let warmFilm = null;
 
-/** What is read now. */
+/** The film or camera that is read now. */
 const film = {
   fps: 30,
   width: 0,
@@ -58,14 +58,17 @@ const judge = {
   verifier: null,
 };
 
-/** What is kept in place of being read. */
+/** Frames that are kept for a recording, and not read. */
 const recording = {
   wanted: 0,
   /** @type {Record<string, unknown>} */
   about: {},
   /** @type {{ plane: Plane, time: number }[]} */
   frames: [],
-  /** Is given the file, or null where nothing was kept. @type {(file: Blob | null) => void} */
+  /**
+   * Takes the file of the recording, or null where no frame was kept.
+   * @type {(file: Blob | null) => void}
+   */
   ended: () => {},
 };
 
@@ -74,7 +77,7 @@ let undecodable = null;
 /** Resolves when the film decoder can run, or never will. */
 let graphs = Promise.resolve();
 
-/** What the worker does for the page. @typedef {typeof functions} Reading */
+/** Functions of this worker that the page may call. @typedef {typeof functions} Reading */
 const functions = {
   /** Load OpenCV and the table of presets; graphs are loaded meanwhile. */
   load: () => inTurn(loadAll),

@@ -1,4 +1,5 @@
-"""Where a display may be, what it may show, and how surely its pilots toggle there."""
+"""Propose where a display may be and what it may show, and measure how surely pilots toggle
+there."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

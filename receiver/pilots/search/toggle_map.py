@@ -1,4 +1,4 @@
-"""Where in the image something toggles: a map that separates a display from the room around it.
+"""Map where in the image something toggles, which separates a display from the room around it.
 
 Frames are held still by the camera's motion first. A block that goes up and down, or down and up,
 as each bit says, has power in a wide band around its toggling rate, and none at twice that rate.

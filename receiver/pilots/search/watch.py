@@ -34,11 +34,12 @@ that is found is read in them, too. They bound the memory; chosen by hand."""
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """What a search made of a place where a display may be."""
+    """A place where a display may be, and the evidence that a search found there."""
 
     stage: str
-    """What was done: ``weighed`` coarsely, ``verifying`` once that brought enough evidence, or
-    ``verified`` where nothing is missing but later frames that agree, and the clock."""
+    """Stage of the search: ``weighed`` after a rough measurement, ``verifying`` once that gave
+    enough evidence, or ``verified`` where only later frames that agree, and the clock, are
+    missing."""
     corners: Corners
     """The place, pixels of the reference frame; any corner may come first."""
     time: float

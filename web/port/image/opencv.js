@@ -24,8 +24,8 @@ const TYPES = new Map([
 /** Size of what is written before the samples of an argument, in bytes, and unit of its size. */
 const UNIT = 16;
 /**
- * What the library asks of the system, which has a clock that stands still, and no files: their
- * number is unknown, says WASI's code 8.
+ * System calls that the library imports. The clock stands still. There are no files: every other
+ * call returns WASI's error code 8, for a file number that is unknown.
  */
 const SYSTEM = new Proxy({}, { get: (_, name) => () => (name === "clock_time_get" ? 0 : 8) });
 

@@ -1,4 +1,4 @@
-/** What a user can mend, in one line. */
+/** Errors that a user can correct, each with a message of one line. */
 
 /** Input from outside is wrong; the message says what, and what to do. */
 export class InputError extends Error {

@@ -1,4 +1,4 @@
-/** What each exposure of a film mixes of the display's frame pairs, as link/observation.py has it. */
+/** Frame pairs that each exposure of a film mixes, and their shares, as in link/observation.py. */
 
 import { observation } from "../../generated/constants.js";
 

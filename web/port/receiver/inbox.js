@@ -1,4 +1,4 @@
-/** What becomes of a message that arrived whole: it is delivered, or refused and said why. */
+/** The inbox delivers a message that arrived whole, or refuses it and says why. */
 
 import { unchecked } from "../link/code/authenticate.js";
 import { equalBytes } from "../link/code/bits.js";

@@ -11,7 +11,7 @@ import { blockSteps } from "../link/strength.js";
 /** @import { Content } from "../link/code/message.js" */
 /** @import { Picture } from "../link/strength.js" */
 
-/** What `send_preset` of web/host/tables.py says of a preset. @typedef {any} SendPreset */
+/** Preset as `send_preset` of web/host/tables.py describes it. @typedef {any} SendPreset */
 
 /**
  * Make the loop of a message.

@@ -105,7 +105,10 @@ export class FineCollector {
   /** Whether enough is new for decoding to begin. */
   #due = false;
 
-  /** By number the logarithm of its probability for the last frame. @type {Float64Array | null} */
+  /**
+   * Logarithm of the probability of each number for the last frame, by the number.
+   * @type {Float64Array | null}
+   */
   #belief = null;
   /** Count of the last frame. */
   #count = 0;
@@ -113,9 +116,9 @@ export class FineCollector {
   #waiting = [];
   /** Terms of the loop, once they are known. @type {Terms | null} */
   #terms = null;
-  /** By word of the terms the log-likelihood of each number that it may tell. */
+  /** Log-likelihoods of each number that a word of the terms may tell, by the word. */
   #evidence = noEvidence();
-  /** How far the last frames contradict the terms: a log-likelihood over chance, at most 0. */
+  /** Evidence of the last frames against the terms: a log-likelihood over chance, at most 0. */
   #support = 0;
 
   /** @param {number} nBits - message blocks of a frame */
@@ -356,7 +359,7 @@ export class FineCollector {
   }
 }
 
-/** By word of the terms, log-likelihoods of numbers before anything was seen. */
+/** Make the log-likelihoods of all numbers, by the word of the terms, before any frame was seen. */
 function noEvidence() {
   return Array.from({ length: PIECES }, () => new Float64Array(NUMBERS));
 }

@@ -125,7 +125,7 @@ export function readTerms(pieces, nBits) {
   return possible ? terms : null;
 }
 
-/** How the bits of a frame are shared out. */
+/** Where the bits of a frame's words and the coded bits lie among its message blocks. */
 export class Shape {
   /** @param {number} nBits - number of message blocks of a frame */
   constructor(nBits) {
@@ -178,7 +178,7 @@ export class Shape {
   }
 }
 
-/** What the scores of a frame say, once its number is known. */
+/** Log-likelihoods of a frame's words, and scores of its coded bits, by its known number. */
 export class ReadFrame {
   /**
    * @param {Float32Array} scores - (nBits) log-likelihood ratios, positive for 1; 0 for an erasure
@@ -193,7 +193,9 @@ export class ReadFrame {
     this.number = number;
     /** Which words of the terms the frame shows. */
     this.pieces = shape.piecesShown(number);
-    /** By word shown, (4096) log-likelihood of each number that it may tell, over chance. */
+    /**
+     * (4096) log-likelihoods over chance of the numbers that a shown word may tell, by the word.
+     */
     this.likelihoods = this.pieces.map((_, at) => weighWord(words, at * WORD));
     /** (body) log-likelihood ratios of the coded bits. */
     this.coded = taken(clear, shape.rest);

@@ -24,7 +24,7 @@ const BOUNDS = { leastTanh: 0, mostTanh: Math.tanh(MAX_HALF_LLR), mostProduct: M
 
 /** Number of draws of a coded bit's degree, which are all as likely. */
 const DRAWS = [...DEGREES.values()].reduce((sum, share) => sum + share, 0);
-/** By draw the degree of a coded bit. */
+/** Degrees of coded bits, by the random number drawn for each. */
 const DEGREE_OF_DRAW = Uint8Array.from(
   [...DEGREES].flatMap(([degree, share]) => new Array(share).fill(degree)),
 );

@@ -12,7 +12,7 @@ import { range, scrambled } from "./scrambled.js";
 export const { NUMBERS, WORD } = codeWords;
 const { NUMBER_BITS, SEED } = codeWords;
 
-/** By bit of a word, which bits of the number it adds up. */
+/** Bits of the number that are added up in each bit of its word, as a mask. */
 const COLUMNS = columnsOfWords();
 
 function columnsOfWords() {

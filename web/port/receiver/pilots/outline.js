@@ -118,7 +118,7 @@ export class Outline {
   #viewFromUnit;
   /** Corners of the display in its view. */
   #first;
-  /** How far each corner is expected to move until the next frame. @type {Point[]} */
+  /** Motion of each corner that is expected until the next frame. @type {Point[]} */
   #motion = UNIT_CORNERS.map(() => [0, 0]);
   /** Numbers of the ring's pixels in the view. @type {Int32Array} */
   #ring;

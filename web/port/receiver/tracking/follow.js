@@ -41,14 +41,14 @@ const STILL = [
  */
 export class Follower {
   #motion = STILL;
-  /** What surrounds the display. @type {Outline | null} */
+  /** Follows the surroundings of the display, where its picture moves. @type {Outline | null} */
   #outline = null;
   /** Tells where the display's border is. @type {Border | null} */
   #border = null;
   /** Number of frames in which the display was followed by what it shows. */
   #steps = 0;
   #pictureMoves;
-  /** What is followed. @type {BytePlane | null} */
+  /** View of the display whose points are followed. @type {BytePlane | null} */
   #reference = null;
   /** Points of the reference: x, y, x, ... */
   #points = new Float32Array(0);

@@ -42,13 +42,14 @@ const ROUGH_WORK = 2;
  */
 
 /**
- * What a quadrilateral most surely shows, and the evidence, before it pays for what was tried.
+ * The likeliest proposal of a quadrilateral, and its evidence before the number of proposals tried
+ * is allowed for.
  *
  * @typedef {{ evidence: number, proposal: Proposal }} Glance
  */
 
 /**
- * For each frame, the values of each layout's pilots, upright and upside down.
+ * Values of each layout's pilots in each frame, upright and upside down.
  *
  * @typedef {Float32Array[][]} PilotsSeen
  */
@@ -99,7 +100,10 @@ export class Proposer {
   #finest;
   /** Frequencies at which displays may toggle, in periods for each nominal frame. */
   #frequencies;
-  /** What is kept of quadrilaterals (`#pilotsSeen`), by turn. @type {Map<Point[], PilotsSeen[]>} */
+  /**
+   * Values of the pilots (`#pilotsSeen`) that are kept for later, by their quadrilaterals.
+   * @type {Map<Point[], PilotsSeen[]>}
+   */
   #kept = new Map();
 
   /**
