@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from data_gen.flags import SourceFlags
+from data_gen.flags import SourceFlags, own_first
 from data_gen.frame_pair import shuffled_pictures
 from data_gen.pairs import PAIRS, pair_names
 from link.captures import read_manifest
@@ -58,16 +58,18 @@ CAPTURES = "captures"
 """Name of the folder, in that of a run, of the captures that were cut from own recordings."""
 
 
+@own_first
 @dataclass(frozen=True)
 class EvaluateConfig(SourceFlags):
     """The paper's protocol on simulated captures, or your own recordings with --captures."""
 
-    pairs: tuple[str, ...] = tuple(PAIRS)
-    """Camera-display pairs, or "today" for all of data_gen/today.py."""
-    views: tuple[float, ...] = (0.0, 45.0)
-    """Angles of observation, degrees."""
-    kappas: tuple[int, ...] = (5, 3)
-    """Gray levels added for a bit 1."""
+    out: Path = Path("runs/evaluation")
+    """Folder for predictions.jsonl, metrics.json, tables.md and report.html. A run of the same
+    settings that was cut off goes on there; a folder that holds another run is refused, and so is
+    one that another process is writing."""
+    quick: bool = False
+    """At most 4 frame pairs in each cell, and fewer values in each sweep, which takes three
+    minutes on two cores."""
     methods: tuple[str, ...] = OF_PAIRS
     """Decoders to compare, or "package.module:Class" for your own (docs/extend.md); by default
     all that read frame pairs, or all where films are decoded. Options stand behind the name, as in
@@ -75,34 +77,6 @@ class EvaluateConfig(SourceFlags):
     ablation: bool = False
     """Compare what each part of the learned decoder is worth in place of --methods: parts are added
     to plain OORC, and removed from the full decoder (reports/ablation/switches.py)."""
-    films: tuple[str, ...] = ()
-    """Decode simulated films in place of frame pairs: PRESET or PRESET:FPS each, such as hidden:30;
-    a window of each of --frames films a cell. Layout and kappa are the preset's."""
-    benchmark: bool = False
-    """Compare on the fixed conditions of reports/benchmark.py in place of others, and write
-    benchmark.json, to be compared with other decoders' (docs/benchmark.md)."""
-    frames: int = 15
-    """Number of frame pairs in each cell; the paper has 25 (text) to 75 (15 pictures with 5
-    messages each)."""
-    sweeps: tuple[str, ...] | None = None
-    """Sweeps of reports/evaluation/sweeps.py; by default all beside the paper's 36 cells, and none
-    beside others."""
-    quick: bool = False
-    """At most 4 frame pairs in each cell, and fewer values in each sweep, which takes three
-    minutes on two cores."""
-    protocol: str = "fair"
-    """How thresholds are set: "fair" (in each frame pair), or "paper" (fixed, as the paper has
-    them)."""
-    out: Path = Path("runs/evaluation")
-    """Folder for predictions.jsonl, metrics.json, tables.md and report.html. A run of the same
-    settings that was cut off goes on there; a folder that holds another run is refused, and so is
-    one that another process is writing."""
-    html: bool = True
-    """Write report.html, and what it shows beside the predictions; --report builds it later."""
-    report: Path | None = None
-    """Build the report of this finished run again, without decoding; other flags do not count."""
-    compare: tuple[Path, Path] | None = None
-    """Compare two finished runs on the same captures, the second against the first."""
     captures: Path | None = None
     """In place of the simulation a folder of captures with a manifest.jsonl; or, with --sent, a
     film (a video, or a folder of its frames), a folder of several, or photographs."""
@@ -118,11 +92,38 @@ class EvaluateConfig(SourceFlags):
     stands before "deg" in the film's name."""
     fps: float | None = None
     """With --sent: frames a second of the films, in place of what they state."""
+    show: Path | None = None
+    """With --captures: folder for annotated pictures, one a frame pair and method."""
+    films: tuple[str, ...] = ()
+    """Decode simulated films in place of frame pairs: PRESET or PRESET:FPS each, such as hidden:30;
+    a window of each of --frames films a cell. Layout and kappa are the preset's."""
+    pairs: tuple[str, ...] = tuple(PAIRS)
+    """Camera-display pairs, or "today" for all of data_gen/today.py."""
+    views: tuple[float, ...] = (0.0, 45.0)
+    """Angles of observation, degrees."""
+    kappas: tuple[int, ...] = (5, 3)
+    """Gray levels added for a bit 1."""
+    frames: int = 15
+    """Number of frame pairs in each cell; the paper has 25 (text) to 75 (15 pictures with 5
+    messages each)."""
+    sweeps: tuple[str, ...] | None = None
+    """Sweeps of reports/evaluation/sweeps.py; by default all beside the paper's 36 cells, and none
+    beside others."""
+    protocol: str = "fair"
+    """How thresholds are set: "fair" (in each frame pair), or "paper" (fixed, as the paper has
+    them)."""
+    benchmark: bool = False
+    """Compare on the fixed conditions of reports/benchmark.py in place of others, and write
+    benchmark.json, to be compared with other decoders' (docs/benchmark.md)."""
     run: Path | None = None
     """Checkpoint of the method "learned": by default the shipped one for the layout of each frame
     pair, trained on all pairs."""
-    show: Path | None = None
-    """With --captures: folder for annotated pictures, one a frame pair and method."""
+    report: Path | None = None
+    """Build the report of this finished run again, without decoding; other flags do not count."""
+    compare: tuple[Path, Path] | None = None
+    """Compare two finished runs on the same captures, the second against the first."""
+    html: bool = True
+    """Write report.html, and what it shows beside the predictions; --report builds it later."""
     jobs: int = os.cpu_count() or 1
     """Number of processes that decode."""
     backend: Literal["loky", "dask"] = "loky"
