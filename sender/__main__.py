@@ -269,6 +269,7 @@ def main() -> None:
         "flicker": flicker,
         "visibility_block": round(hiding.seen(loop.kappa), 3),
         "visibility_screen": round(hiding.seen(loop.kappa, "screen"), 3),
+        "visibility_moving": round(hiding.seen_in_motion(loop.kappa), 3),
     }
     carried = None
     usual = (layout, loop.kappa, even) == (preset.layout, preset.kappa, preset.even)
