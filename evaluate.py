@@ -58,16 +58,18 @@ CAPTURES = "captures"
 """Name of the folder, within a run's, that holds the captures cut from one's own recordings."""
 
 
+@own_first
 @dataclass(frozen=True)
 class EvaluateConfig(SourceFlags):
     """The paper's protocol on simulated captures, or your own recordings with --captures."""
 
-    pairs: tuple[str, ...] = tuple(PAIRS)
-    """Camera-display pairs, or "today" for all of data_gen/today.py."""
-    views: tuple[float, ...] = (0.0, 45.0)
-    """Angles of observation, degrees."""
-    kappas: tuple[int, ...] = (5, 3)
-    """Gray levels added for a bit 1."""
+    out: Path = Path("runs/evaluation")
+    """Folder for predictions.jsonl, metrics.json, tables.md and report.html. If it holds an
+    unfinished run of the same settings, that run goes on. A folder that holds another run, or that
+    another process is writing, is refused."""
+    quick: bool = False
+    """Decode at most 4 frame pairs in each cell, and fewer values in each sweep, which takes three
+    minutes on two cores."""
     methods: tuple[str, ...] = OF_PAIRS
     """Decoders to compare, or "package.module:Class" for your own (docs/extend.md); by default all
     that read frame pairs, or all decoders where films are decoded. Options follow the name, as in
@@ -75,36 +77,6 @@ class EvaluateConfig(SourceFlags):
     ablation: bool = False
     """Compare the parts of the learned decoder instead of --methods: parts are added to plain OORC,
     and removed from the full decoder (reports/ablation/switches.py)."""
-    films: tuple[str, ...] = ()
-    """Decode simulated films instead of frame pairs, each named PRESET or PRESET:FPS, such as
-    hidden:30. Each cell has --frames films, and one window of each is decoded. Layout and kappa are
-    the preset's."""
-    benchmark: bool = False
-    """Compare under the fixed conditions of reports/benchmark.py instead of others, and write
-    benchmark.json, by which results of different authors can be compared (docs/benchmark.md)."""
-    frames: int = 15
-    """Number of frame pairs in each cell; the paper has 25 (text) to 75 (15 pictures with 5
-    messages each)."""
-    sweeps: tuple[str, ...] | None = None
-    """Sweeps to add, by their names in reports/evaluation/sweeps.py; by default all of them where
-    the paper's 36 cells are compared, and none elsewhere."""
-    quick: bool = False
-    """Decode at most 4 frame pairs in each cell, and fewer values in each sweep, which takes three
-    minutes on two cores."""
-    protocol: str = "fair"
-    """Rule for thresholds: "fair" sets them anew in each frame pair, "paper" fixes them as the
-    paper does."""
-    out: Path = Path("runs/evaluation")
-    """Folder for predictions.jsonl, metrics.json, tables.md and report.html. If it holds an
-    unfinished run of the same settings, that run goes on. A folder that holds another run, or that
-    another process is writing, is refused."""
-    html: bool = True
-    """Write report.html and the pictures in it; with --no-html, --report can do so later."""
-    report: Path | None = None
-    """Build the report of this finished run again, without decoding; all other flags are
-    ignored."""
-    compare: tuple[Path, Path] | None = None
-    """Compare two finished runs on the same captures, the second against the first."""
     captures: Path | None = None
     """Decode recordings instead of the simulation: a folder of captures with a manifest.jsonl or,
     with --sent, a film (a video, or a folder of its frames), a folder of several films, or
@@ -125,17 +97,44 @@ class EvaluateConfig(SourceFlags):
     fps: float | None = None
     """With --sent: frames a second of the films, if their own times are wrong, as in slow
     motion."""
+    show: Path | None = None
+    """With --captures: folder for annotated pictures, one for each frame pair and method."""
+    films: tuple[str, ...] = ()
+    """Decode simulated films instead of frame pairs, each named PRESET or PRESET:FPS, such as
+    hidden:30. Each cell has --frames films, and one window of each is decoded. Layout and kappa are
+    the preset's."""
+    pairs: tuple[str, ...] = tuple(PAIRS)
+    """Camera-display pairs, or "today" for all of data_gen/today.py."""
+    views: tuple[float, ...] = (0.0, 45.0)
+    """Angles of observation, degrees."""
+    kappas: tuple[int, ...] = (5, 3)
+    """Gray levels added for a bit 1."""
+    frames: int = 15
+    """Number of frame pairs in each cell; the paper has 25 (text) to 75 (15 pictures with 5
+    messages each)."""
+    sweeps: tuple[str, ...] | None = None
+    """Sweeps to add, by their names in reports/evaluation/sweeps.py; by default all of them where
+    the paper's 36 cells are compared, and none elsewhere."""
+    protocol: str = "fair"
+    """Rule for thresholds: "fair" sets them anew in each frame pair, "paper" fixes them as the
+    paper does."""
+    benchmark: bool = False
+    """Compare under the fixed conditions of reports/benchmark.py instead of others, and write
+    benchmark.json, by which results of different authors can be compared (docs/benchmark.md)."""
     run: Path | None = None
     """Checkpoint of the method "learned": by default the shipped one for the layout of each frame
     pair, trained on all pairs."""
-    show: Path | None = None
-    """With --captures: folder for annotated pictures, one for each frame pair and method."""
+    report: Path | None = None
+    """Build the report of this finished run again, without decoding; all other flags are
+    ignored."""
+    compare: tuple[Path, Path] | None = None
+    """Compare two finished runs on the same captures, the second against the first."""
+    html: bool = True
+    """Write report.html and the pictures in it; with --no-html, --report can do so later."""
     jobs: int = os.cpu_count() or 1
     """Number of processes that decode."""
     backend: Literal["loky", "dask"] = "loky"
     """Where cells are decoded: processes of this machine, or the workers of a Dask cluster."""
-    scheduler: str | None = None
-    """With --backend dask: the scheduler's address, such as tcp://host:8786."""
 
 
 def main() -> None:

@@ -51,16 +51,16 @@ from reports.run import claim_folder
 class TrainConfig:
     """Train on one pair, or on all nine with --pair all; --films trains the decoder of films."""
 
-    captures: Path | None = None
-    """Train on own captures in place of simulated ones: a folder with a manifest.jsonl, such as the
-    one that evaluate.py --captures makes of own recordings; a third of the recordings is held out,
-    and measures the result. With --films these are windows of film."""
     pair: str = "canon-lg"
     """Camera and display, such as canon-lg, or "all"."""
     out: Path | None = None
     """Folder of the run; runs/PAIR by default. A run of the same settings goes on there if it was
     cut off, and is made again if it was finished; a folder that holds another run is refused, and
     so is one that another process is writing."""
+    captures: Path | None = None
+    """Train on own captures in place of simulated ones: a folder with a manifest.jsonl, such as the
+    one that evaluate.py --captures makes of own recordings; a third of the recordings is held out,
+    and measures the result. With --films these are windows of film."""
     layouts: LayoutKind = "ratex"
     """Layouts that the decoder learns to read: "ratex" is the usual grid with patches, "hidden" are
     grids of 8 x 8 to 96 x 128 blocks with pilots, of both modulations."""

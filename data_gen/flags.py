@@ -5,8 +5,9 @@ new choice about the layout is a field of `LayoutFlags`, one about the channel a
 `SourceFlags`, and a word in their methods.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from data_gen.channel.optics import check_view
 from data_gen.effects import parse_settings
@@ -15,6 +16,25 @@ from link.embed import check_kappa
 from link.errors import InputError, ParameterError, at_least
 from link.layout import Layout, make_layout
 from link.pilot_code import PLAIN, PilotCode
+
+T = TypeVar("T")
+
+
+def own_first(config: type[T]) -> type[T]:
+    """Put the fields that a dataclass adds before those that it inherits, as --help lists them.
+
+    >>> [field.name for field in fields(own_first(CellFlags))][:5]
+    ['pair', 'view', 'kappa', 'split', 'seed']
+    """
+    classes = [each for each in config.__mro__ if is_dataclass(each)]
+    order = sorted(
+        (field.name for field in fields(classes[0])),
+        key=lambda name: sum(name in each.__dataclass_fields__ for each in classes),
+    )
+    known = classes[0].__dataclass_fields__
+    named = {name: known.pop(name) for name in order}
+    known.update(named)
+    return config
 
 
 @dataclass(frozen=True, kw_only=True)

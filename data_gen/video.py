@@ -23,7 +23,7 @@ from data_gen.film.codec import (
 )
 from data_gen.film.frame import VideoFrame
 from data_gen.film.stream import States, VideoSettings, film
-from data_gen.flags import CellFlags
+from data_gen.flags import CellFlags, own_first
 from data_gen.frame_pair import shuffled_pictures
 from data_gen.pictures.carriers import STILL, check_carriers, open_carrier
 from link.cli import check_flags, run_cli
@@ -49,6 +49,7 @@ FILMED = VideoSettings(scene=replace(VideoSettings().scene, coverage=0.35), seco
 its message; so large, the receiver reads every preset at 0°."""
 
 
+@own_first
 @dataclass(frozen=True, kw_only=True)
 class FilmConfig(CellFlags):
     """A simulated camera stream of a display that shows a message over and over."""

@@ -56,6 +56,19 @@ def main() -> None:
     kinds = "folder of images, video, camera such as 0 or /dev/video0, or address of a stream such "
     kinds += "as rtsp://HOST/PATH; or two images of a frame pair"
     parser.add_argument("input", nargs="+", metavar="INPUT", help=kinds)
+    parser.add_argument("--out", type=Path, help="file for the message's bytes")
+    parser.add_argument("--fps", type=float, help=FPS_HELP)
+    parser.add_argument(
+        "--keep-on", action="store_true", help="go on after a message: for messages that change"
+    )
+    parser.add_argument("--key", type=Path, help="deliver only what was sent with this key")
+    parser.add_argument("--max-age", type=float, help="of a message with a key, seconds")
+    parser.add_argument("--show", type=Path, help="folder for annotated pictures")
+    parser.add_argument("--scores", action="store_true", help="print each pair's scores, too")
+    usual = "x".join(map(str, SIZE))
+    parser.add_argument("--camera-size", type=read_size, help=f"asked of a camera ({usual})")
+    asked = f"frames a second asked of a camera (the highest that it has, to {HIGHEST_FPS:g})"
+    parser.add_argument("--camera-fps", type=float, help=asked)
     parser.add_argument(
         "--model",
         type=find_graph,
@@ -63,20 +76,7 @@ def main() -> None:
         help="an .onnx file, or a preset's name, which says what display to look for; may be given "
         "several times; by default those that ship, one for each preset of sender",
     )
-    parser.add_argument("--fps", type=float, help=FPS_HELP)
-    usual = "x".join(map(str, SIZE))
-    parser.add_argument("--camera-size", type=read_size, help=f"asked of a camera ({usual})")
-    asked = f"frames a second asked of a camera (the highest that it has, to {HIGHEST_FPS:g})"
-    parser.add_argument("--camera-fps", type=float, help=asked)
-    parser.add_argument("--show", type=Path, help="folder for annotated pictures")
-    parser.add_argument("--out", type=Path, help="file for the message's bytes")
-    parser.add_argument("--scores", action="store_true", help="print each pair's scores, too")
     parser.add_argument("--threads", type=int, default=2, help="of onnxruntime")
-    parser.add_argument(
-        "--keep-on", action="store_true", help="go on after a message: for messages that change"
-    )
-    parser.add_argument("--key", type=Path, help="deliver only what was sent with this key")
-    parser.add_argument("--max-age", type=float, help="of a message with a key, seconds")
     add_pixel_limit(parser)
     args = check_flags(parser.parse_args())
     at_least(1, threads=args.threads)

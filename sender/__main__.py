@@ -160,13 +160,8 @@ def send_parser() -> Parser:
     parser = Parser(prog="python -m sender", description=main.__doc__)
     add, usual = parser.add_argument, Onlooker()
     add("pictures", type=Path, nargs="?", help="an image, a folder of images, or a video")
-    bench = "show presets and grids in turn, to find what a camera reads (no message; docs)"
-    add("--bench", action="store_true", help=bench)
-    add("--seconds", type=float, help="for which each image of a folder stays (a frame pair)")
     add("--message", help="text to send")
     add("--file", type=Path, help="file to send, instead of --message")
-    add("--key", type=Path, help="sign the message with this file, 16 to 4096 random bytes")
-    add("--counter", type=int, help="number that rises with each signed message (the time)")
     add("--out", type=Path, required=True, help="new .html, .avi, .mkv or folder")
     purposes = "; ".join(
         f"{name} (best filmed at {2 * preset.state_hz:g} frames/s): {preset.purpose[:-1]}"
@@ -178,6 +173,11 @@ def send_parser() -> Parser:
     add("--size", type=read_size, help=sizes)
     fits = "how the picture lies on it: contain (with --size), cover (without) or stretch"
     add("--fit", choices=list(FITS), help=fits)
+    add("--seconds", type=float, help="for which each image of a folder stays (a frame pair)")
+    add("--key", type=Path, help="sign the message with this file, 16 to 4096 random bytes")
+    add("--counter", type=int, help="number that rises with each signed message (the time)")
+    bench = "show presets and grids in turn, to find what a camera reads (no message; docs)"
+    add("--bench", action="store_true", help=bench)
     add_pixel_limit(parser)
     add = parser.add_argument_group("strength, and who looks on").add_argument
     add("--kappa", type=int, help="gray levels added for a 1, instead of the preset's")
@@ -269,6 +269,7 @@ def main() -> None:
         "flicker": flicker,
         "visibility_block": round(hiding.seen(loop.kappa), 3),
         "visibility_screen": round(hiding.seen(loop.kappa, "screen"), 3),
+        "visibility_moving": round(hiding.seen_in_motion(loop.kappa), 3),
     }
     carried = None
     usual = (layout, loop.kappa, even) == (preset.layout, preset.kappa, preset.even)

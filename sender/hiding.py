@@ -17,7 +17,11 @@ from link.embed import MAX_KAPPA
 from link.errors import ParameterError, in_range
 from link.layout import Layout
 from link.strength import even_factor, light_of_level
-from sender.visibility.flicker import contrast_over_threshold, random_message
+from sender.visibility.flicker import (
+    contrast_over_threshold,
+    random_message,
+    stroboscopic_visibility,
+)
 from sender.visibility.viewing import PICTURE_LEVELS, Viewing, Where
 
 PLAIN = 2.0
@@ -115,6 +119,17 @@ class Hiding:
         """
         return max(self._seen_over(level, kappa, where) for level in PICTURE_LEVELS)
 
+    def seen_in_motion(self, kappa: int) -> float:
+        """Work out how visible a steady toggle is to eyes that move, at the most visible level.
+
+        Returns:
+            the stroboscopic visibility measure, of flicker from 80 Hz on; 1 is just seen.
+        """
+        viewings = [self._viewing(level, kappa) for level in PICTURE_LEVELS]
+        toggle = np.repeat([-0.5, 0.5], viewings[0].refreshes)
+        second = np.tile(toggle, math.ceil(self.state_hz / 2))
+        return max(stroboscopic_visibility(second, viewing) for viewing in viewings)
+
     def flicker(self, kappa: int) -> str:
         """Say whether the message's flicker may disturb or harm somebody who looks at it.
 
@@ -148,12 +163,15 @@ class Hiding:
 
     @cache  # noqa: B019 - a few numbers, for one message a process
     def _seen_over(self, level: float, kappa: int, where: Where = "block") -> float:
-        viewing = self.onlooker.viewing(self.layout, self.state_hz)
-        factor = float(even_factor(light_of_level(level))) if self.even else 1.0
-        viewing = replace(viewing, kappa=kappa * factor, picture_level=level)
+        viewing = self._viewing(level, kappa)
         rng = np.random.default_rng(MESSAGE_SEED)
         shown = random_message(viewing, self.layout.modulation, rng, SECONDS)
         return contrast_over_threshold(shown, viewing, where).high
+
+    def _viewing(self, level: float, kappa: int) -> Viewing:
+        factor = float(even_factor(light_of_level(level))) if self.even else 1.0
+        viewing = self.onlooker.viewing(self.layout, self.state_hz)
+        return replace(viewing, kappa=kappa * factor, picture_level=level)
 
     def largest_kappa(self, limit: float) -> int:
         """Find the largest kappa with which a block's visibility, `seen`, is at most a limit.

@@ -20,7 +20,8 @@ seen more often than not.
   sensitivity is thousands of times below its peak. Backlights that are switched add nothing here:
   they flicker without a message as well.
 - **Not modelled**: the picture's texture, which masks; the edges of blocks, their number and their
-  spatial frequency; eye movements, which turn fine patterns into flashes. The whole screen in phase
+  spatial frequency; eyes that move, for which `stroboscopic_visibility` knows a part. The whole
+  screen in phase
   (`where="screen"`) is the upper end of what many blocks together can do.
 """
 
@@ -40,6 +41,10 @@ WINDOW_S = 0.5
 """Length of the windows in which flicker is judged, in seconds."""
 HIGHEST_HZ = 120.0
 """Highest temporal frequency that is counted, in Hz."""
+MOVING_HZ = 80.0, 2000.0
+"""Lowest and highest temporal frequency that `stroboscopic_visibility` counts, in Hz."""
+MOVING_EXPONENT = 3.7
+"""Exponent by which `stroboscopic_visibility` sums over frequencies."""
 QUANTILE = 0.95
 """Share of the windows of a random message that lie below what is called its high end."""
 
@@ -131,6 +136,32 @@ def contrast_over_threshold(
         for gaze in gazes
     ]
     return Visibility(max(seen, key=lambda windows: float(windows.mean())))
+
+
+def stroboscopic_visibility(amplitudes: ArrayLike, viewing: Viewing) -> float:
+    """Work out the stroboscopic visibility measure (SVM) of CIE TN 006: what moves in such light.
+
+    A moving thing, or a moved eye, turns flicker into a row of images. Thresholds of sines are
+    those of Perz, Sekulovski, Vogels and Heynderickx, JOSA A 35(2), 2018,
+    https://doi.org/10.1364/JOSAA.35.000309, for lamps that light a room.
+
+    Args:
+        amplitudes: (T,) what is added to the picture at each refresh, in units of kappa: whole
+            periods, a second or longer.
+        viewing: display, picture and kappa.
+
+    Returns:
+        1 where half of the people see it; frequencies below 80 Hz do not count.
+
+    >>> toggling = np.tile([-0.5, 0.5], 30)
+    >>> round(stroboscopic_visibility(toggling, Viewing(picture_level=32, kappa=1)), 3)
+    0.037
+    """
+    light = viewing.light(viewing.gray_levels(amplitudes))
+    lowest, highest = MOVING_HZ
+    hz, contrast = flicker_spectrum(light / light.mean(), viewing.refresh_hz, highest)
+    over = contrast / (2.865e-5 * hz**1.543 + 0.225)
+    return float((over[hz >= lowest] ** MOVING_EXPONENT).sum() ** (1 / MOVING_EXPONENT))
 
 
 def random_message(

@@ -572,6 +572,7 @@ def test_the_sender_says_how_visible_the_message_is(tmp_path: Path, send: Send) 
         )
     block, screen = np.max(seen, axis=0).round(3)
     assert (said["visibility_block"], said["visibility_screen"]) == (block, screen)
+    assert 0 < said["visibility_moving"] < 1
     keys = ("visibility_block", "visibility_screen")
     other = {}
     for number, flags in enumerate(
