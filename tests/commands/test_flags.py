@@ -126,19 +126,11 @@ def test_the_numbers_of_commands_are_found(monkeypatch: pytest.MonkeyPatch) -> N
 
 @cases(
     ("data_gen.__main__", "--fram 3 --out x", "--fram"),
-    ("data_gen.__main__", "", "--out"),
     ("data_gen.__main__", "--out x --frames", "--frames"),
     ("data_gen.video", f"{FILM} --size 3", "--size"),
-    ("data_gen.video", f"{FILM} --window x", "--window"),
     ("lab.__main__", "rates --nothing", "--nothing"),
-    ("export.parity", "", "PATH"),
     ("receiver.__main__", "", "error: the following arguments are required: INPUT; see --help\n"),
     ("receiver.__main__", "x --bogus", "error: unrecognized arguments: --bogus; see --help\n"),
-    (
-        "receiver.__main__",
-        "x --threads many",
-        "error: argument --threads: invalid int value: 'many'",
-    ),
     ("export.runtime", "m a b --corners 0,0", "error: argument --corners: expected 4 arguments"),
 )
 def test_what_a_parser_refuses_names_the_flag(
@@ -166,18 +158,13 @@ LONG = "n" * 300
 
 @cases(
     ("data_gen.__main__", ["--out", ""], "--out: empty; give a name"),
-    ("data_gen.__main__", ["--out="], "--out: empty; give a name"),
-    ("export.parity", [""], "an input: empty; give a name"),
     ("receiver.__main__", [""], "an input: empty; give a name"),
     ("receiver.__main__", "²", "²: no such folder, video file, camera number or device"),
     ("sender.__main__", "x --message \udcff --out y", "--message: not text"),
     ("data_gen.video", "--message \udcff --out y", "--message: not text in UTF-8"),
     ("receiver.locate.__main__", ["a\nb"], "a b: no such image file"),
-    ("receiver.locate.__main__", LONG, LONG),
-    ("receiver.__main__", LONG, LONG),
     ("sender.__main__", f"x --message a --out {LONG}", LONG),
     ("data_gen.__main__", f"--out {LONG}", LONG),
-    ("data_gen.video", f"{FILM} --size 9000 9000", "--size: "),
     ("data_gen.video", f"{FILM} --shown 99999", "--shown: "),
     *(
         (module, f"--pictures {folder} --out x {words}", f"{folder}: ")
@@ -194,17 +181,11 @@ def test_names_and_texts_that_cannot_be(
 @cases(
     ("x", "unknown study 'x'; choose one of: "),
     ("rates --jobs 0", "--jobs: need at least 1"),
-    ("rates --seed -1", "--seed: need at least 0"),
     ("rates --views 1000000", "--views: need an angle"),
     ("rates --n-bytes 100000", "--n-bytes: 100000 bytes"),
-    ("rates --n-bytes 0", "--n-bytes: need at least 1"),
     ("rates --pairs x", "unknown name in --pairs 'x'"),
-    ("rates --settings x", "unknown name in --settings 'x'"),
     ("rates --settings paper paper", "--settings: name at least one, and none twice"),
-    (
-        "ablation --conditions rain",
-        "unknown name in --conditions 'rain'; choose one of: paper, kap",
-    ),
+    ("ablation --conditions rain", "unknown name in --conditions 'rain'; choose one of"),
     ("ablation --rows phi+magic", "unknown name in --rows 'phi+magic'; choose one of: oorc, phi, "),
     ("ablation --run nowhere", "--run: nowhere"),
 )

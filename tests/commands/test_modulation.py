@@ -15,7 +15,6 @@ import evaluate
 import export.runtime as runtime_cli
 import export.to_onnx as to_onnx_cli
 import receiver.__main__ as receive_cli
-import sender.__main__ as send_cli
 from data_gen.flags import LayoutFlags
 from data_gen.frame_pair import Cell, Source
 from export.parity import Parity
@@ -67,7 +66,6 @@ WITH_LAYOUT = {
 
 @cases(
     ("--pilots many", "--pilots: need auto, or a share from 0 to below 1, got 'many'"),
-    ("--pilots 1", "--pilots: need auto, or a share from 0 to below 1, got '1'"),
     ("--pilots 0.01", "--pilots: 0.01 of 8x8 blocks is less than 2 pilots"),
     ("--pilots auto --ratex 5", "layout: has pilots beside ratex patches"),
     ("--modulation polar", "modulation"),
@@ -178,13 +176,6 @@ def test_a_film_with_pilots_is_made_and_the_receiver_says_what_it_saw(
     done = command(receive_cli.main, film, "--model", pilots_model, status=2)
     assert json.loads(done.stdout)["frames_with_display"] == 0  # too few to find a display in
     assert done.stderr.count("\n") == 1
-
-
-def test_what_is_sent_with_pilots_is_told(tmp_path: Path, command: Command) -> None:
-    write_image(tmp_path / "picture.png", np.zeros((96, 128, 3), np.uint8))
-    words = (tmp_path / "picture.png", "--message", "hi", "--out", tmp_path / "sent.html")
-    done = command(send_cli.main, *words, *FINE)
-    assert Layout.from_dict(json.loads(done.stdout)["layout"]) == FINE_LAYOUT
 
 
 def test_the_runtime_says_where_no_pilots_are_seen(

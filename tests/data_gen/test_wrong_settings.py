@@ -19,9 +19,8 @@ from data_gen.film.scenes import SceneSettings, draw_scene
 from data_gen.film.stream import VideoSettings, film
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import PAIRS, get_pair
-from data_gen.parameters import IDENTITY
 from data_gen.pictures.drawings import draw_picture
-from data_gen.pictures.library import load_folder, load_pictures
+from data_gen.pictures.library import load_pictures
 
 NAN, INF = math.nan, math.inf
 PAIR = get_pair("canon-lg")
@@ -38,30 +37,22 @@ def h264(**settings: object) -> CodecSettings:
 
 @cases(
     (VideoSettings(fps=0.0), "fps: need 0.1 to 1000"),
-    (VideoSettings(state_hz=NAN), "state_hz"),
-    (VideoSettings(clock_error=0.5), "clock_error"),
     (VideoSettings(hand=NAN), "hand: need 0 to 100"),
-    (VideoSettings(start_s=NAN), "start_s"),
     (VideoSettings(jumps_hz=-1.0), "jumps_hz: need 0 to 1000 a second"),
     (VideoSettings(shutter=NAN), "shutter: need 1e-05 to 1 seconds"),
     (VideoSettings(drop=1.0), "drop: need a probability"),
-    (VideoSettings(duplicate=-0.1), "duplicate"),
     (VideoSettings(jitter_s=-0.1), "jitter_s: need 0 to 1 seconds"),
     (SceneSettings(size=(20, 400)), "size: need at least 64x64"),
     (SceneSettings(coverage=0.01), "coverage: need 0.05 to 0.9 of the image, got 0.01"),
-    (SceneSettings(coverage=NAN), "coverage"),
-    (SceneSettings(turn=1000.0), "turn"),
     (SceneSettings(room="cellar"), "room 'cellar'; choose one of: dark, office, bright"),
     (SceneSettings(free=0.4), "free: need 0 to 0.2 of the image"),
     (phone(noise_reduction=1.0), "noise_reduction: need 0 to 0.95, got 1"),
     (phone(local_tone=-1.0), "local_tone: need 0 to 100"),
     (phone(stabilise_s=11.0), "stabilise_s: need 0 to 10 seconds"),
-    (phone(stabilise_px=NAN), "stabilise_px: need 0 to 10 pixels"),
     (phone(sharpen=6.0), "sharpen: need 0 to 5"),
     (phone(distortion=-0.3), "distortion: need -0.12 to 0.12"),
     (h264(name="vp9"), "codec.name: need none, h264, hevc, got 'vp9'"),
     (h264(kbits=0.0), "codec.kbits: need 50 to 500000 kbit/s, got 0"),
-    (h264(kbits=NAN), "codec.kbits"),
     ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_settings_of_films_out_of_range(settings: Any, says: str) -> None:
@@ -86,21 +77,15 @@ def drawn(view_deg: float, *effects: str) -> Callable[[], object]:
 @cases(
     (filmed(Cell("canon-dell", 0.0, 5)), tuple(PAIRS)),
     (filmed(replace(FRONTAL, kappa=0)), ("kappa",)),
-    (filmed(replace(FRONTAL, view_deg=89.0)), ("view_deg",)),
     (filmed(split="dev"), ("train, test",)),
     (filmed(pictures=Path("nowhere")), ("nowhere: no such folder",)),
     (filmed(without=("fog",)), ("unknown effect 'fog'", "drift", "moire")),
-    (filmed(parameters=(("fog", 1),)), ("unknown parameter 'fog'", "drift", "gamma")),
     (filmed(parameters=(("drift", 9.0),)), ("drift must lie in",)),
     (filmed(parameters=(("resolution", 1.5),)), ("setup: resolution must lie in [0.2, 1]",)),
     (filmed(ratex_kappa=99), ("need 1 to 64 whole gray levels, got 99",)),
     (seen_at(75.5), ("view_deg: need an angle within ±75 degrees, got 75.5",)),
-    (seen_at(-89.0), ("view_deg: need an angle within ±75 degrees, got -89",)),
-    (seen_at(180.0), ("view_deg: need an angle within ±75 degrees, got 180",)),
     (seen_at(NAN), ("view_deg: need an angle within ±75 degrees, got nan",)),
     (lambda: check_view(75.001, "--views"), ("--views: need an angle within", "got 75.001")),
-    (lambda: check_view(-89.0, "--views"), ("--views: need an angle within", "got -89")),
-    (lambda: check_view(INF, "--views"), ("--views: need an angle within", "got inf")),
     (drawn(0.0), ("a scene needs perspective",)),
     (drawn(80.0, "perspective"), ("view_deg",)),
     (
@@ -109,7 +94,6 @@ def drawn(view_deg: float, *effects: str) -> Callable[[], object]:
     ),
     (lambda: load_pictures("valid", 320, 240), ("'valid'", "train, test")),
     (lambda: load_pictures("test", 10, 240), ("10x240",)),
-    (lambda: load_folder(Path(), 320, 0), ("320x0",)),
     (lambda: draw_picture("chart", 0, 320, 240), ("'chart'", "slide, map, poster")),
 )
 def test_captures_and_pictures_that_cannot_be(
@@ -123,42 +107,29 @@ def test_captures_and_pictures_that_cannot_be(
 ROWS = ((0.8, 0.1, 0.1), (0.1, 0.8, 0.1))
 NO_MATRIX: list[Any] = [
     (),
-    ((1.0, 0.0, 0.0),),
-    IDENTITY[:2],
-    (*IDENTITY, (0.0, 0.0, 1.0)),
     ((1.0, 0.0), (0.0, 1.0), (0.0, 1.0)),
-    ((1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),),
     (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
 ]
 NO_CURVE: list[Any] = [
     (),
-    ((0.0, 0.0),),
-    ((0.0, 0.1), (1.0, 1.0)),
     ((0.0, 0.0), (1.0, 0.9)),
     ((0.1, 0.0), (1.0, 1.0)),
     ((0.0, 0.0), (0.5, 0.6), (0.7, 0.5), (1.0, 1.0)),
-    ((0.0, 0.0), (0.5, 0.4), (0.5, 0.5), (1.0, 1.0)),
     ((0.0, 0.0), (0.5, NAN), (1.0, 1.0)),
-    ((0.0, 0.0), (2.0, 0.5), (1.0, 1.0)),
 ]
 OTHER_KINDS = [
     'drift="low"',
-    "gamma=2",
     'gamma=[2, 2, "a"]',
-    "gamma=[[2, 2, 2]]",
     "gamma=[2, 2, [2]]",
     "crosstalk=[1, 0, 0, 0, 1, 0, 0, 0, 1]",
     "tone_curve=[[0, 0], [0.5], [1, 1]]",
-    'tone_curve=[[0, 0], ["a", 0.5], [1, 1]]',
     "jpeg_quality=50.5",
-    "encoding={}",
     "panel=null",
 ]
 
 
 @cases(
     ("name", "x", "unknown parameter 'name'"),
-    ("camera", "x", "unknown parameter 'camera'"),
     ("frontal", "x", "unknown parameter 'frontal'"),
     ("drift", 0.6, "drift must lie in [0, 0.5], got 0.6"),
     ("panel", "CRT", f"panel of {PAIR.display.name} 'CRT'"),
@@ -168,8 +139,8 @@ OTHER_KINDS = [
     *(
         (name, (*ROWS[:row], (total - 0.2, 0.1, 0.1), *ROWS[row:]), "must sum to 1")
         for name in ("crosstalk", "color_matrix")
-        for total in (0.9, 0.997, 1.003)
-        for row in range(3)
+        for total in (0.997, 1.003)
+        for row in (0, 2)
     ),
     *(("tone_curve", curve, f"{PAIR.camera.name}: tone_curve must") for curve in NO_CURVE),
 )

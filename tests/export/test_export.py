@@ -12,7 +12,7 @@ import onnx
 import onnxruntime
 import pytest
 import torch
-from conftest import cases, refusal, run_process, slow
+from conftest import cases, refusal, run_process
 from numpy.typing import NDArray
 from tolerances import ONNX_SCORE
 
@@ -81,16 +81,6 @@ def batch(frames: list[Image]) -> Image:
 # Parity
 
 
-@pytest.mark.slow
-def test_torch_and_onnxruntime_agree_on_unseen_frames_of_any_size(
-    module: PhiDecoder, onnx_decoder: Decoder, unseen: list[Observation]
-) -> None:
-    for pair in unseen:
-        ours, theirs = decode_with(module, pair), onnx_decoder.decode(pair.original, pair.embedded)
-        np.testing.assert_allclose(theirs.scores, ours.scores, rtol=0, atol=ONNX_SCORE)
-        assert np.array_equal(theirs.bits, ours.bits)
-
-
 @pytest.mark.parametrize("start", [0, 5, 10])
 def test_torch_and_onnxruntime_agree_on_a_batch(
     module: PhiDecoder, model: bytes, unseen: list[Observation], start: int
@@ -109,7 +99,7 @@ def test_torch_and_onnxruntime_agree_on_a_batch(
     np.testing.assert_allclose(scores[3], alone, rtol=0, atol=ONNX_SCORE)
 
 
-@pytest.mark.parametrize("level", [0, 128, 255, None], ids=["black", "gray", "white", "picture"])
+@pytest.mark.parametrize("level", [0, None], ids=["black", "picture"])
 def test_torch_and_onnxruntime_agree_where_both_frames_are_the_same(
     module: PhiDecoder, onnx_decoder: Decoder, rectified: Observation, level: int | None
 ) -> None:
@@ -120,18 +110,12 @@ def test_torch_and_onnxruntime_agree_where_both_frames_are_the_same(
 
 
 def test_compare_reports_agreement(module: PhiDecoder, onnx_decoder: Decoder) -> None:
-    parity = compare_with_torch(module, onnx_decoder, frames=3, seed=UNSEEN_SEED)
-    assert parity.holds
-    assert (parity.frames, parity.bits) == (3, 3 * module.layout.n_bits)
-    assert parity.different_bits == 0
-    assert 0 <= parity.max_difference <= ONNX_SCORE < parity.largest_score
-
-
-def test_parity_is_not_judged_on_scores_at_their_bound(
-    module: PhiDecoder, onnx_decoder: Decoder
-) -> None:
     parity = compare_with_torch(module, onnx_decoder, frames=12, seed=UNSEEN_SEED)
-    assert parity.median_score < 0.9 * parity.largest_score
+    assert parity.holds
+    assert (parity.frames, parity.bits) == (12, 12 * module.layout.n_bits)
+    assert parity.different_bits == 0
+    assert 0 <= parity.max_difference <= ONNX_SCORE
+    assert parity.median_score < 0.9 * parity.largest_score  # most scores are not at their bound
 
 
 def test_compare_reports_another_checkpoint(layout: Layout, onnx_decoder: Decoder) -> None:
@@ -244,20 +228,15 @@ def without_metadata(model: bytes) -> bytes:
 
 
 DAMAGED: dict[str, tuple[Callable[[bytes], bytes], str]] = {
-    "half": (lambda model: model[: len(model) // 2], "not a readable ONNX model"),
     "one byte short": (lambda model: model[:-1], "not a readable ONNX model"),
     "empty": (lambda model: b"", "not a "),
-    "text": (lambda model: b"this is not a model\n" * 50, "not a readable ONNX model"),
     "foreign": (foreign_model, "not a decoder of this version"),
     "no metadata": (without_metadata, "not a decoder of this version"),
     "other format": (with_metadata(format="999"), "not a decoder of this version"),
     "no layout": (with_metadata(layout=None), "carries no layout"),
     "broken layout": (with_metadata(layout="{"), "carries no layout"),
-    "strange layout": (with_metadata(layout="[1, 2]"), "layout: need the keys"),
     "other layout": (with_metadata(layout=BARE), "gives 59 scores where its metadata says 64"),
     "no features": (with_metadata(features=None), "features are no list of names"),
-    "broken features": (with_metadata(features="{"), "features: not JSON"),
-    "strange features": (with_metadata(features="[1]"), "features are no list of names"),
     "other features": (with_metadata(features="[]"), "gives 7 weights where its metadata"),
     "deep layout": (with_metadata(layout="[" * 100_000), "32 deep"),
     "long number": (with_metadata(layout="9" * 5_000), "64 digits"),
@@ -343,7 +322,7 @@ def test_a_handmade_model_decodes(shipped_model: bytes, tmp_path: Path) -> None:
     decode_black(handmade(shipped_model), tmp_path / "zeros.onnx")
 
 
-@pytest.mark.parametrize("place", ["initializer", "node", "subgraph", "address"])
+@pytest.mark.parametrize("place", ["initializer", "subgraph", "address"])
 def test_a_model_that_reads_another_file_is_refused(
     shipped_model: bytes, place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -358,9 +337,7 @@ def test_a_model_that_reads_another_file_is_refused(
     constant = onnx.helper.make_node("Constant", [], ["s"], value=tensor)
     proto = handmade(shipped_model)
     del proto.graph.initializer[0]
-    if place == "node":
-        proto.graph.node.insert(0, constant)
-    elif place == "subgraph":
+    if place == "subgraph":
         inner = onnx.helper.make_graph([constant], "inner", [], [described("s", FLOAT, 1, 59)])
         branch = onnx.helper.make_node("If", ["true"], ["s"], then_branch=inner, else_branch=inner)
         proto.graph.node.insert(0, branch)
@@ -374,21 +351,11 @@ def test_a_model_that_reads_another_file_is_refused(
 SCALAR, NAN, INF = np.float32(1), np.full((1, 7), np.nan), np.full((1, 59), np.inf)
 OUTPUTS: dict[str, tuple[dict[str, Any], dict[str, onnx.ValueInfoProto], str]] = {
     "scalar": ({"s": SCALAR}, {"scores": described("scores", FLOAT)}, "not a decoder"),
-    "scalar head": ({"h": SCALAR}, {"head": described("head", FLOAT)}, "not a decoder"),
     "empty": ({"h": np.zeros((0, 7), np.float32)}, {}, "no valid scores"),
-    "narrow": (
-        {"h": np.zeros((1, 6), np.float32)},
-        {},
-        "gives 6 weights where its metadata says 7",
-    ),
+    "narrow": ({"h": np.zeros((1, 6), np.float32)}, {}, "gives 6 weights where its"),
     "nan": ({"h": NAN.astype(np.float32)}, {}, "no valid scores"),
     "inf": ({"s": INF.astype(np.float32)}, {}, "no valid scores"),
     "float64": ({"s": INF}, {"scores": described("scores", 11, 1, 59)}, "not a decoder"),
-    "text": (
-        {"s": np.full((1, 59), "x")},
-        {"scores": described("scores", 8, 1, 59)},
-        "not a decoder",
-    ),
     "sequence": (
         {},
         {"scores": onnx.helper.make_tensor_sequence_value_info("scores", FLOAT, None)},
@@ -495,7 +462,7 @@ def flipped(model: bytes, seed: int) -> bytes:
     return bytes(damaged)
 
 
-@pytest.mark.parametrize("seed", [*range(15), *map(slow, range(15, 30))])
+@pytest.mark.parametrize("seed", range(15))
 def test_flipped_bits_leave_a_working_decoder_or_an_input_error(
     seed: int, shipped_model: bytes, rectified: Observation, tmp_path: Path
 ) -> None:
@@ -566,14 +533,10 @@ FRAME = np.zeros((384, 512, 3), np.uint8)
     (FRAME.astype(np.float32), FRAME, "must be uint8"),
     (FRAME, FRAME.astype(np.int16), "must be uint8"),
     (FRAME[None], FRAME[None], "must be uint8"),
-    (FRAME[0, :, 0], FRAME[0, :, 0], "must be uint8"),
-    (FRAME[..., :2], FRAME[..., :2], "must be uint8"),
     (np.zeros((384, 512, 4), np.uint8), np.zeros((384, 512, 4), np.uint8), "must be uint8"),
     (FRAME, FRAME[:, :-1], "512x384 and embedded is 511x384"),
     (FRAME, FRAME[..., 0], "original is"),
     (FRAME[:31], FRAME[:31], "512x31 frame is too small for 8x8 blocks"),
-    (FRAME[:, :31], FRAME[:, :31], "31x384 frame is too small for 8x8 blocks"),
-    (FRAME[:0], FRAME[:0], "too small"),
 )
 def test_frames_of_wrong_type_shape_or_size_are_refused(
     original: NDArray, embedded: NDArray, message: str, shipped: Decoder

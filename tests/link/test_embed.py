@@ -118,7 +118,7 @@ def planes(frame: Image) -> NDArray[np.intp]:
 
 
 @channels_both
-@pytest.mark.parametrize("kappa", [1, 2, 3, 4, 7, 64])
+@pytest.mark.parametrize("kappa", [1, 4, 64])
 def test_antipodal_blocks_and_pilots_change_by_exactly_kappa_up_or_down(
     kappa: int, channels: tuple[int, ...]
 ) -> None:
@@ -130,7 +130,7 @@ def test_antipodal_blocks_and_pilots_change_by_exactly_kappa_up_or_down(
 
 
 @channels_both
-@pytest.mark.parametrize("kappa", [1, 2, 3, 4, 7])
+@pytest.mark.parametrize("kappa", [1, 4])
 def test_the_mean_over_time_of_antipodal_frames_is_the_picture(
     kappa: int, channels: tuple[int, ...]
 ) -> None:

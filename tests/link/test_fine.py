@@ -5,7 +5,7 @@ import zlib
 
 import numpy as np
 import pytest
-from conftest import cases, exhaustive, slow
+from conftest import cases, slow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scores import keeps_scores, listen, noisy
@@ -240,7 +240,7 @@ def test_the_longest_fine_message_has_a_loop(n_bits: int) -> None:
 
 
 @pytest.mark.parametrize("n_bits", [730, 2918])
-@cases((0.001, 0), (0.05, 0.3), slow(0.2, 0.1))
+@cases((0.05, 0.3), slow(0.2, 0.1))
 def test_a_fine_loop_is_joined_anywhere(ber: float, loss: float, n_bits: int) -> None:
     rng = np.random.default_rng(n_bits)
     data = rng.bytes(700)
@@ -251,7 +251,7 @@ def test_a_fine_loop_is_joined_anywhere(ber: float, loss: float, n_bits: int) ->
         assert message.frames == len(bits)
 
 
-@pytest.mark.parametrize("ber", [slow(0.001), 0.05, slow(0.2)])
+@pytest.mark.parametrize("ber", [0.05, slow(0.2)])
 def test_little_more_information_than_the_message_is_enough(ber: float) -> None:
     rng = np.random.default_rng(0)
     data = rng.bytes(2500)
@@ -273,21 +273,6 @@ def test_covered_blocks_and_lost_bursts_of_frames_do_no_harm() -> None:
         if step % 7 < 3:
             scores[:] = 0  # three frames of seven show nothing
         message = collector.add(scores, step)
-        if message is not None:
-            break
-    assert message.data == data
-
-
-@pytest.mark.exhaustive  # the next test sums up scores of more than one frame, too
-def test_a_picture_of_which_little_can_be_read_delivers() -> None:
-    """No frame's number is sure by itself: most blocks are dark, and their scores mere noise."""
-    rng = np.random.default_rng(1)
-    data = rng.bytes(3000)
-    bits = encode(data, 2918)
-    readable, collector = rng.random(2918) < 0.3, make_collector(2918)
-    for step in range(4 * len(bits)):
-        seen = 2.0 * bits[step % len(bits)] - 1 + rng.normal(0, np.sqrt(2), 2918)
-        message = collector.add(np.where(readable, seen, rng.normal(0, 0.3, 2918)), step)
         if message is not None:
             break
     assert message.data == data
@@ -326,13 +311,12 @@ def test_count_that_is_lost_on_fine_grids_is_found_again(announced: bool) -> Non
     assert message.data == data
 
 
-@pytest.mark.parametrize("n_bits", [730, slow(2918)])
-@cases(("of equal length", 0.02), slow("of equal length", 0.1), slow("shorter", 0.1))
+@cases((730, 1800, 0.02), slow(2918, 900, 0.1))
 def test_a_changed_message_comes_within_two_fine_loops(
-    second: str, ber: float, n_bits: int
+    n_bits: int, second: int, ber: float
 ) -> None:
     rng = np.random.default_rng(4)
-    first, other = rng.bytes(1800), rng.bytes(1800 if second == "of equal length" else 900)
+    first, other = rng.bytes(1800), rng.bytes(second)
     loops = encode(first, n_bits), encode(other, n_bits)
     collector, count = make_collector(n_bits), 0
     came: list[tuple[bytes, bool, int]] = []
@@ -381,12 +365,12 @@ def test_nothing_received_is_no_fine_message() -> None:
     assert collector.progress == 0
 
 
-@pytest.mark.parametrize("ber", [exhaustive(0.1), slow(0.25), exhaustive(0.4)])
-def test_a_noisy_fine_message_is_right_or_absent(ber: float) -> None:
-    rng = np.random.default_rng(int(100 * ber))
+@pytest.mark.slow
+def test_a_noisy_fine_message_is_right_or_absent() -> None:
+    rng = np.random.default_rng(25)
     for _ in range(12):
         data = rng.bytes(int(rng.integers(1, 300)))
-        message, _, _ = listen(encode(data, 730), rng, ber=ber, loops=3)
+        message, _, _ = listen(encode(data, 730), rng, ber=0.25, loops=3)
         assert message is None or message.data == data
 
 

@@ -53,7 +53,7 @@ def test_the_default_layout_carries_59_bits_and_5_patches() -> None:
 
 
 @cases((16, 16), (6, 10), (5, 3))
-@pytest.mark.parametrize("ratex", [1, 2, 3, 5])
+@pytest.mark.parametrize("ratex", [3, 5])
 def test_each_patch_takes_one_message_block(rows: int, cols: int, ratex: int) -> None:
     layout = make_layout(rows, cols, ratex=ratex)
     assert len(layout.ratex) == ratex
@@ -148,11 +148,8 @@ def test_pilots_of_either_bit_are_spread_over_the_frame(rows: int, cols: int) ->
 
 @cases(
     ("0", 8, 8, 0),
-    ("0.0", 8, 8, 0),
     ("auto", 8, 8, 16),
-    ("auto", 16, 16, 32),
     ("auto", 24, 32, 38),
-    ("auto", 48, 64, 154),
     ("auto", 96, 128, 614),
     ("auto", 3, 3, 2),
     ("0.25", 8, 8, 16),
@@ -168,7 +165,7 @@ def test_a_coded_display_has_more_pilots() -> None:
     assert coded.pilots == 307 > count_pilots("auto", coded.rows, coded.cols)
 
 
-@pytest.mark.parametrize("pilots", ["", "-0.1", "1", "1.5", "nan", "inf", "many", "AUTO", "5%"])
+@pytest.mark.parametrize("pilots", ["", "-0.1", "1", "nan", "AUTO", "5%"])
 def test_what_is_no_share_of_pilots_is_refused(pilots: str) -> None:
     with pytest.raises(ParameterError, match=r"^pilots: need auto, or a share from 0 to below 1"):
         count_pilots(pilots, 8, 8)
@@ -207,7 +204,7 @@ def test_block_mean_keeps_the_dtype() -> None:
     assert block_mean(np.ones((9, 9), np.float32), 2, 2).dtype == np.float32
 
 
-@pytest.mark.parametrize("cell", [(8, 0), (0, 8), (-1, 3), (3, -1)])
+@pytest.mark.parametrize("cell", [(8, 0), (3, -1)])
 def test_a_patch_outside_the_grid_is_named(cell: tuple[int, int]) -> None:
     with pytest.raises(InputError, match=rf"\({cell[0]}, {cell[1]}\) lies outside the grid"):
         replace(make_layout(), ratex=(cell,))
@@ -216,20 +213,15 @@ def test_a_patch_outside_the_grid_is_named(cell: tuple[int, int]) -> None:
 @cases(
     ({"ratex": ((1, 2), (3, 3), (1, 2))}, "listed twice"),
     ({"rows": 0}, "rows and cols must be positive, got 0x8"),
-    ({"cols": -1}, "rows and cols must be positive, got 8x-1"),
     ({"width": 31}, "at least 32x32 pixels, got 31x384"),
-    ({"height": 31}, "at least 32x32 pixels, got 512x31"),
     ({"width": MAX_SIDE_PX + 1}, f"larger than {MAX_SIDE_PX}"),
-    ({"height": MAX_SIDE_PX + 1}, f"larger than {MAX_SIDE_PX}"),
     ({"width": 5000, "height": 5000}, "5000x5000 frame has more than 20000000 pixels"),
     ({"rows": 129, "cols": 128, "width": 600, "height": 600}, "128x129 blocks are more than"),
     ({"rows": 1, "cols": 1, "ratex": ((0, 0),)}, "no block is left"),
     ({"ratex": (), "pilots": 64}, "no block is left"),
     ({"ratex": (), "pilots": 1}, "need 2 pilots, so that both bits occur, got 1"),
-    ({"ratex": (), "pilots": -2}, "need 2 pilots, so that both bits occur, got -2"),
     ({"pilots": 2}, "pilots beside ratex patches"),
     ({"modulation": "onoff"}, "unknown modulation 'onoff'; choose one of: on_off, antipodal"),
-    ({"modulation": ""}, "unknown modulation ''"),
 )
 def test_a_grid_that_does_not_fit_says_why(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
@@ -262,19 +254,19 @@ def test_anything_but_the_five_keys_is_refused(data: Any) -> None:
 
 
 @pytest.mark.parametrize("key", ["rows", "cols", "width", "height"])
-@pytest.mark.parametrize("value", ["8", 8.0, None, True, [8]])
+@pytest.mark.parametrize("value", ["8", 8.0, True])
 def test_sizes_must_be_whole_numbers(key: str, value: Any) -> None:
     with pytest.raises(InputError, match=f"layout: {key} must be a whole number"):
         Layout.from_dict(as_dict(**{key: value}))
 
 
-@pytest.mark.parametrize("value", ["8", 8.0, None, True, [8]])
+@pytest.mark.parametrize("value", ["8", True])
 def test_the_number_of_pilots_must_be_whole(value: Any) -> None:
     with pytest.raises(InputError, match="layout: pilots must be a whole number"):
         Layout.from_dict(as_dict(ratex=[], pilots=value))
 
 
-@pytest.mark.parametrize("value", [None, 1, True, ["antipodal"], {}])
+@pytest.mark.parametrize("value", [None, ["antipodal"]])
 def test_the_modulation_must_be_text(value: Any) -> None:
     with pytest.raises(InputError, match="layout: modulation must be text"):
         Layout.from_dict(as_dict(modulation=value))
@@ -290,7 +282,7 @@ def test_a_stored_layout_of_another_colour_is_refused(value: Any) -> None:
         Layout.from_dict(as_dict(colour=value))
 
 
-@cases(None, 5, [5], [[0]], [[0, 1, 2]], [[0, None]], [["a", "b"]], [[math.nan, 0]], [[0.5, 1]])
+@cases(None, [5], [[0, 1, 2]], [["a", "b"]], [[math.nan, 0]], [[0.5, 1]])
 def test_patches_must_be_pairs(ratex: Any) -> None:
     with pytest.raises(InputError, match="ratex must be a list of"):
         Layout.from_dict(as_dict(ratex=ratex))

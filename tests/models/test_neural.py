@@ -77,7 +77,7 @@ def batch(pairs: list[Observation]) -> tuple[Tensor, Tensor]:
 
 
 @pytest.mark.parametrize(("dtype", "atol"), [(torch.float64, FLOAT64), (torch.float32, FLOAT32)])
-@cases((1, 0), (4, 0), (4, 4), (7, 2))
+@cases((1, 0), (7, 2), (MAX_DEGREE, MAX_DEGREE))
 def test_phi_agrees_with_numpy(degree: int, drift: int, dtype: torch.dtype, atol: float) -> None:
     i_o, i_e = np.random.default_rng(0).uniform(0, 1, (2, 5, 6))
     phi = PhiPolynomial(degree, drift)
@@ -108,10 +108,6 @@ def test_degrees_out_of_range_are_refused(degree: int, drift: int, message: str)
             build()
 
 
-def test_the_largest_degrees_are_accepted() -> None:
-    assert PhiPolynomial(MAX_DEGREE, MAX_DEGREE).n_features == 2 * MAX_DEGREE
-
-
 def test_unknown_options_list_the_valid_ones() -> None:
     with pytest.raises(InputError, match=r"channels 'hsv'.*luma, quiet, rgb"):
         DecoderConfig(channels="hsv")
@@ -136,7 +132,7 @@ def test_options_that_make_no_decoder_are_refused(options: dict[str, Any], flag:
 # --- solver
 
 
-@pytest.mark.parametrize("size", [1, 5, 13])
+@pytest.mark.parametrize("size", [1, 13])
 def test_solve_spd_agrees_with_torch(size: int) -> None:
     generator = torch.Generator().manual_seed(size)
     root = torch.randn((8, size, size + 3), generator=generator, dtype=torch.float64)
@@ -173,7 +169,7 @@ SHORT_STEPS = [1525, 1438, 2828, 747, 2368, 1728]
 """Frames, all but separable and with a large C, that need Newton steps shorter than 1/180."""
 
 
-@pytest.mark.parametrize("seed", [*range(100), *SHORT_STEPS])
+@pytest.mark.parametrize("seed", [*range(30), *SHORT_STEPS])
 def test_fit_head_reaches_scikit_learns_objective_on_random_frames(seed: int) -> None:
     rng = np.random.default_rng(seed)
     N, D = int(rng.integers(8, 200)), int(rng.integers(1, 12))
@@ -186,7 +182,7 @@ def test_fit_head_reaches_scikit_learns_objective_on_random_frames(seed: int) ->
     assert abs(objective_gap(X, y, 10 ** rng.uniform(-2, 3))) < SVM_OBJECTIVE_GAP
 
 
-@pytest.mark.parametrize("train_on", ["area", slow("tile"), slow("pixel")])
+@pytest.mark.parametrize("train_on", ["area", slow("pixel")])
 def test_fit_head_reaches_scikit_learns_objective_on_simulated_frames(
     layout: Layout, pairs: list[Observation], train_on: str
 ) -> None:
@@ -198,18 +194,6 @@ def test_fit_head_reaches_scikit_learns_objective_on_simulated_frames(
         X = np.column_stack([u / np.sqrt((u**2).mean(axis=0)), np.ones(len(u))])
         gap = objective_gap(X, module.labels.numpy(), 10 ** (-2 + 5 * k / 19))
         assert abs(gap) < SVM_OBJECTIVE_GAP
-
-
-def test_a_batch_is_fitted_frame_by_frame() -> None:
-    rng = np.random.default_rng(2)
-    X = torch.from_numpy(rng.normal(0, 1, (5, 40, 4)))
-    y = torch.from_numpy(np.where(rng.normal(0, 1, 40) > 0, 1.0, -1.0))
-    C, ridge = torch.tensor(3.0).double(), torch.tensor([1.0, 2, 0.5, 0.1]).double()
-    prior = torch.tensor([0.3, -1, 0, 2]).double()
-    together = fit_head(X, y, C, ridge, prior)
-    for k in range(5):
-        alone = fit_head(X[k : k + 1], y, C, ridge, prior)
-        torch.testing.assert_close(together[k : k + 1], alone, rtol=0, atol=FLOAT64)
 
 
 def test_ridge_and_prior_enter_the_minimum() -> None:
@@ -241,7 +225,7 @@ def test_solve_spd_has_the_right_gradient() -> None:
     assert torch.autograd.gradcheck(solve_spd, (A, y))
 
 
-@pytest.mark.parametrize("C", [0.05, slow(1.0), 30.0])
+@pytest.mark.parametrize("C", [0.05, 30.0])
 def test_fit_head_has_the_right_gradient(C: float) -> None:
     generator = torch.Generator().manual_seed(5)
     X = torch.randn((2, 25, 4), generator=generator, dtype=torch.float64)
@@ -312,7 +296,7 @@ def test_derivatives_of_a_polynomial() -> None:
 
 
 @pytest.mark.parametrize("photometry", PHOTOMETRY)
-@pytest.mark.parametrize("shift", [(0.3, 0.0), (0.0, -0.3), (1.0, 0.8)])
+@pytest.mark.parametrize("shift", [(0.0, -0.3), (1.0, 0.8)])
 def test_registration_removes_a_shift_whatever_the_gain(
     shift: tuple[float, float], photometry: str
 ) -> None:
@@ -397,7 +381,7 @@ def test_float_frames_score_as_uint8_frames(layout: Layout, rectified: Observati
 
 
 @pytest.mark.parametrize("config", EVERY_CONFIG)
-@pytest.mark.parametrize("size", [(400, 300), (733, 555)])
+@pytest.mark.parametrize("size", [(733, 555)])
 def test_one_module_decodes_frames_of_any_size(
     captured: Captured, config: DecoderConfig, size: tuple[int, int]
 ) -> None:
@@ -417,7 +401,7 @@ def test_the_smallest_frame_still_decodes(layout: Layout) -> None:
         assert torch.isfinite(scores).all()
 
 
-@pytest.mark.parametrize("level", [0, 128, 255])
+@pytest.mark.parametrize("level", [0, 255])
 def test_flat_frames_give_finite_scores(layout: Layout, level: int) -> None:
     frame = torch.full((1, 3, layout.height, layout.width), level, dtype=torch.uint8)
     for config in EVERY_CONFIG:
@@ -556,19 +540,14 @@ def changed(state: dict[str, Tensor], **changes: Any) -> dict[str, Tensor]:
 BAD_WEIGHTS: dict[str, Callable[[dict[str, Tensor]], bytes]] = {
     "empty": lambda state: b"",
     "text": lambda state: b"these are words, not weights\n" * 100,
-    "zeros": lambda state: bytes(5000),
-    "half": lambda state: saved(state)[: len(saved(state)) // 2],
     "no tail": lambda state: saved(state)[:-100],
-    "middle overwritten": lambda state: saved(state)[:600] + bytes(600) + saved(state)[1200:],
     "a list": lambda state: saved([1, 2, 3]),
-    "a number": lambda state: saved(5),
     "code": lambda state: saved({"prior": Path("run me")}),
     "a key too many": lambda state: saved(changed(state, extra=torch.zeros(3))),
     "a key too few": lambda state: saved(changed(state, prior=None)),
     "another shape": lambda state: saved(changed(state, prior=torch.zeros(3))),
     "not a tensor": lambda state: saved(changed(state, prior="none")),
     "nan": lambda state: saved(changed(state, prior=state["prior"] * torch.nan)),
-    "infinite": lambda state: saved(changed(state, log_C=state["log_C"] + torch.inf)),
 }
 
 
@@ -599,20 +578,14 @@ def config_with(key: str, **changes: Any) -> bytes:
 
 BAD_CONFIGS = {
     "empty": b"",
-    "half": json.dumps(CONFIG).encode()[:100],
-    "not text": b"\xff\xfe\x00",
     "a list": b"[]",
-    "a number": b"5",
     "no decoder": json.dumps({"layout": CONFIG["layout"]}).encode(),
     "no layout": json.dumps({"decoder": CONFIG["decoder"]}).encode(),
     "decoder is a list": json.dumps({**CONFIG, "decoder": [4]}).encode(),
     "unknown key": config_with("decoder", depth=3),
     "unknown channels": config_with("decoder", channels="hsv"),
-    "channels is a list": config_with("decoder", channels=["rgb"]),
     "degree out of range": config_with("decoder", degree=40),
     "degree is text": config_with("decoder", degree="6"),
-    "degree is a fraction": config_with("decoder", degree=6.0),
-    "register is text": config_with("decoder", register="no"),
     "rows is text": config_with("layout", rows="8"),
     "no patches": config_with("layout", ratex=[]),
 }

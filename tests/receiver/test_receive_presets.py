@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Command, Refuses, cases, exhaustive, slow
+from conftest import Command, Refuses, cases
 from pilot_films import CORNERS, TEXT, BlockMeans, filmed, robust_film, texture
 from streams import Stream, events_of, states_of, write_film
 
@@ -181,10 +181,9 @@ def test_a_shipped_graph_is_loaded_once_beside_other_work(monkeypatch: pytest.Mo
 
 
 @cases(
-    (lambda data: data[: len(data) // 2], "not a readable ONNX model; export it again (it is"),
     (lambda data: b"version https://git-lfs", "not a readable ONNX model; export it again (it"),
     (None, "no such model"),
-    ids=["cut off", "another file", "missing"],
+    ids=["another file", "missing"],
 )
 def test_a_damaged_shipped_graph_is_refused_at_once(
     damage: Callable[[bytes], bytes] | None,
@@ -209,25 +208,6 @@ def test_two_images_of_pilots_give_one_line(
     refuses("receiver.__main__", "a.png a.png --model pilots.onnx", *says)
 
 
-@pytest.mark.exhaustive
-def test_two_images_of_pilots_are_read_in_either_order(tmp_path: Path, command: Command) -> None:
-    message = np.random.default_rng(0).integers(0, 2, (1, ROBUST.n_bits))
-    images, corners = filmed(ROBUST, 2, seed=1, hold=1, message=message)
-    for name, image in zip("ab", images, strict=True):
-        write_image(tmp_path / f"{name}.png", image)
-    found = []
-    for names in ("ab", "ba"):
-        done = command(receive_cli.main, *(tmp_path / f"{name}.png" for name in names))
-        assert done.stderr == ""
-        *displays, pair = events_of(done.stdout)
-        assert [line["preset"] for line in displays] == ["robust", "robust"]
-        for line, name in zip(displays, names, strict=True):
-            assert np.abs(np.array(line["corners"]) - corners["ab".index(name)]).max() < 1.5
-        found.append(pair["bits"])
-    assert found[0] == found[1]
-    assert np.mean(np.array([int(bit) for bit in found[0]]) == message[0]) > 0.98
-
-
 @pytest.mark.slow
 def test_the_command_says_which_preset_is_shown(tmp_path: Path, command: Command) -> None:
     film = write_film(tmp_path / "film.avi", robust_film(70)[0], codec="FFV1")
@@ -247,15 +227,11 @@ def test_the_command_says_which_preset_is_shown(tmp_path: Path, command: Command
     assert len(pair["bits"]) == len(pair["scores"]) == ROBUST.n_bits
 
 
-@cases(exhaustive("film.avi"), slow("frames"))
-def test_a_mirrored_film_is_read_and_said(name: str, tmp_path: Path, command: Command) -> None:
-    images = [image[:, ::-1] for image in robust_film(40)[0]]
-    if name == "frames":
-        for number, image in enumerate(images):
-            write_image(tmp_path / name / f"{number:03d}.png", image)
-    else:
-        write_film(tmp_path / name, images, codec="FFV1")
-    done = command(receive_cli.main, tmp_path / name)
+@pytest.mark.slow
+def test_a_mirrored_film_is_read_and_said(tmp_path: Path, command: Command) -> None:
+    for number, image in enumerate(robust_film(40)[0]):
+        write_image(tmp_path / f"{number:03d}.png", image[:, ::-1])
+    done = command(receive_cli.main, tmp_path)
     assert done.stderr.startswith("note: the film is mirrored")
     assert TEXT.decode() in [each.get("text") for each in events_of(done.stdout)]
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Command, exhaustive, slow
+from conftest import Command, cases
 from numpy.typing import NDArray
 
 import evaluate
@@ -51,16 +51,16 @@ def shown(start: int, count: int, loop: Bits = LOOP) -> Bits:
 # What a part of a film shows
 
 
-@pytest.mark.parametrize("start", [0, 5, 21, 27])
-@pytest.mark.parametrize("wrong", [0.001, 0.1, 0.25])
+@pytest.mark.parametrize("start", [0, 21])
+@pytest.mark.parametrize("wrong", [0.001, 0.25])
 def test_a_film_may_start_anywhere(start: int, wrong: float) -> None:
     found = match_loop(read(shown(start, 9), wrong), LOOP)
     assert (found.kind, found.place) == ("fits", start)
     np.testing.assert_array_equal(found.bits, shown(start, 9))
 
 
-@pytest.mark.parametrize("at", [1, 4, 8])
-@pytest.mark.parametrize("to", [0, 2, 17])
+@pytest.mark.parametrize("at", [1, 8])
+@pytest.mark.parametrize("to", [0, 17])
 def test_a_cut_within_a_part_is_seen(at: int, to: int) -> None:
     bits = np.concatenate([shown(3, at), shown(3 + at + 1 + to, 9 - at)])
     assert match_loop(read(bits), LOOP).kind == "jumps"
@@ -114,10 +114,9 @@ def test_films_are_right_or_refused(parts: list[Bits], words: str | None) -> Non
 # What was sent
 
 
-@pytest.mark.parametrize(
-    "preset", [slow(name) if name == "hidden" else exhaustive(name) for name in PRESETS]
-)
-def test_player_and_states_say_the_same(tmp_path: Path, preset: str, command: Command) -> None:
+@pytest.mark.slow
+def test_player_and_states_say_the_same(tmp_path: Path, command: Command) -> None:
+    preset = "hidden"
     layout = PRESETS[preset].layout
     picture = load_pictures("test", layout.width, layout.height)[0].rgb
     write_image(tmp_path / "picture.png", picture)
@@ -131,7 +130,7 @@ def test_player_and_states_say_the_same(tmp_path: Path, preset: str, command: Co
     np.testing.assert_array_equal(states.bits, player.bits[rounds])
 
 
-@pytest.mark.parametrize("kappa", [1, 3, 10])
+@pytest.mark.parametrize("kappa", [1, 10])
 def test_bits_are_read_from_the_states(tmp_path: Path, layout: Layout, kappa: int) -> None:
     rng = np.random.default_rng(kappa)
     picture = load_pictures("test", layout.width, layout.height)[1].rgb
@@ -175,31 +174,16 @@ def test_photographs_in_order_become_captures(photos: tuple[Path, Sent]) -> None
     np.testing.assert_array_equal([each.bits for each in found], sent.bits)
 
 
-ORDERS: dict[str, tuple[list[int], int]] = {
-    "first doubled, last left out": ([0, 0, 1, 2, 3, 4, 5, 6], 1),
-    "third doubled, last left out": ([0, 1, 2, 2, 3, 4, 5, 6], 3),
-    "fourth doubled, last left out": ([0, 1, 2, 3, 3, 4, 5, 6], 5),
-    "first missing, last doubled": ([1, 2, 3, 4, 5, 6, 7, 7], 1),
-    "fifth missing, last doubled": ([0, 1, 2, 3, 5, 6, 7, 7], 5),
-    "pair of states turned round": ([0, 1, 3, 2, 4, 5, 6, 7], 3),
-    "two pairs exchanged": ([0, 1, 4, 5, 2, 3, 6, 7], 3),
-    "a pair doubled, one left out": ([0, 1, 2, 3, 2, 3, 6, 7], 5),
-    "embedded frames exchanged": ([0, 3, 2, 1, 4, 5, 6, 7], 1),
-    "shuffled": ([4, 3, 6, 1, 0, 5, 2, 7], 1),
-    "one state alone": ([2] * 8, 1),
-    "begun in the middle": ([4, 5, 6, 7, 0, 1, 2, 3], 1),
-}
-ORDERS_SOON = ("fifth missing, last doubled", "pair of states turned round", "shuffled")
-
-
-@pytest.mark.parametrize(
-    "kind", [slow(kind) if kind in ORDERS_SOON else exhaustive(kind) for kind in ORDERS]
+@pytest.mark.slow
+@cases(
+    ([0, 1, 2, 3, 5, 6, 7, 7], 5),  # fifth missing, last doubled
+    ([0, 1, 3, 2, 4, 5, 6, 7], 3),  # pair of states turned round
+    ([4, 3, 6, 1, 0, 5, 2, 7], 1),  # shuffled
 )
 def test_photographs_out_of_order_are_refused(
-    kind: str, photos: tuple[Path, Sent], tmp_path: Path
+    order: list[int], first: int, photos: tuple[Path, Sent], tmp_path: Path
 ) -> None:
     folder, sent = photos
-    order, first = ORDERS[kind]
     for place, number in enumerate(order):
         (tmp_path / f"{place}.png").write_bytes((folder / f"{number}.png").read_bytes())
     with pytest.raises(InputError, match=f"no. {first} "):
@@ -224,17 +208,16 @@ def test_photographs_of_something_else_are_refused(
 # A film from end to end
 
 
-@pytest.mark.parametrize("preset", [exhaustive("paper"), slow("robust")])
+@pytest.mark.slow
 def test_a_film_is_evaluated_and_goes_on_where_it_was_cut_off(
-    preset: str, tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    settings = FilmSettings(
-        preset=preset, kappa=PRESETS[preset].kappa, n_bytes=40, coverage=(0.5, 0.6)
-    )
+    kappa = PRESETS["robust"].kappa
+    settings = FilmSettings(preset="robust", kappa=kappa, n_bytes=40, coverage=(0.5, 0.6))
     filmed = film_message(Take(settings, "canon-lg", 10.0, 0, 0))
     frames = tmp_path / "film_10deg"
     for frame in through_codec(filmed.frames, settings.codec, settings.fps):
-        if frame.time_s > 1.8:
+        if frame.time_s > 1.4:
             break
         number = round(frame.time_s * settings.fps)  # frames that were lost are gaps
         write_image(frames / f"{number:03d}.png", frame.rgb)

@@ -17,7 +17,7 @@ import av
 import cv2
 import numpy as np
 import pytest
-from conftest import Command, Finished, Refuses, cases, exhaustive, run_process, slow
+from conftest import Command, Finished, Refuses, cases, run_process, slow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -178,20 +178,6 @@ def test_every_output_holds_the_message(kind: str, tmp_path: Path, send: Send) -
 
 
 @pytest.mark.slow
-def test_all_outputs_show_the_same_states(inputs: Path, tmp_path: Path, send: Send) -> None:
-    shown = []
-    for kind, read in READ.items():
-        out = tmp_path / f"sent{kind}"
-        send(out, *FLAGS, "--kappa", 8)
-        shown.append(list(read(out)))
-    for states in shown[1:]:
-        np.testing.assert_array_equal(states, shown[0])
-    original = with_head_room(read_image(inputs / "picture.png"), 8)
-    mask = np.kron(LAYOUT.message_mask, np.ones((16, 20), bool))
-    np.testing.assert_array_equal(shown[0][0][mask], original[mask])
-
-
-@pytest.mark.slow
 def test_the_folder_says_what_was_sent(inputs: Path, tmp_path: Path, command: Command) -> None:
     out = tmp_path / "sent"
     out.mkdir()  # an empty folder will do
@@ -244,7 +230,7 @@ def test_a_folder_shows_every_picture_and_whole_messages(
         assert read_bits(pair, LAYOUT) == SENT[number % len(SENT)].tolist()
 
 
-@cases(7.5, 15, 30, 45, 60)
+@cases(7.5, 45)
 def test_a_video_shows_each_state_the_frame_of_its_time(state_hz: float, inputs: Path) -> None:
     shown = [int(frame[0, 0, 0]) for frame in open_pictures(inputs / "clip.avi", state_hz)()]
     count = 2 * math.ceil(2 * state_hz / 2)  # of two seconds, in whole frame pairs
@@ -267,7 +253,7 @@ def test_images_of_a_folder_stay_for_seconds(
     )
 
 
-@cases((5, 63), (32, 63), (42, 126), (63, 63), (70, 126))
+@cases((32, 63), (70, 126))
 def test_states_played_over_and_over_go_on_with_the_code(frames: int, pairs: int) -> None:
     layout = make_layout(4, 4, 64, 48, modulation="antipodal", pilots=4, code=PilotCode())
     bits = np.random.default_rng(0).integers(0, 2, (frames, layout.n_bits), np.uint8)
@@ -347,7 +333,7 @@ def test_a_player_holds_each_picture_once(tmp_path: Path, send: Send) -> None:
 # Presets
 
 
-@cases("hidden", exhaustive("paper"), exhaustive("fast"), exhaustive("robust"), slow(None))
+@cases(None, slow("robust"))
 def test_a_preset_says_all_and_no_flag_is_needed(
     name: str | None, tmp_path: Path, send: Send
 ) -> None:
@@ -404,7 +390,7 @@ def test_a_display_has_its_own_size(
         assert [read_bits(pair, turned) for pair in pairs_of(lying)] == SENT.tolist()
 
 
-@pytest.mark.parametrize("size", ["1920", "0x5", "9000x10", "8000x8000", "axb"])
+@pytest.mark.parametrize("size", ["1920", "0x5", "8000x8000"])
 def test_a_size_that_no_display_has_is_refused(size: str, inputs: Path, refuses: Refuses) -> None:
     words = (inputs / "picture.png", "--message", MESSAGE, "--out", "sent", "--size", size)
     refuses("sender.__main__", words, "--size: need WIDTHxHEIGHT in pixels")
@@ -426,7 +412,7 @@ def animate(file: Path, levels: tuple[int, ...]) -> Path:
     return file
 
 
-@cases((".png", np.uint8), (".png", np.uint16), (".webp", np.uint8))
+@cases((".png", np.uint16), (".webp", np.uint8))
 def test_what_is_transparent_is_white_and_told_once(
     suffix: str, kind: type, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -637,7 +623,7 @@ def test_every_kappa_is_taken_where_nothing_is_seen() -> None:
     assert Hiding(layout, 1000, far).largest_kappa(1.0) == 64
 
 
-@pytest.mark.parametrize("state_hz", [1e-9, 0.3, 23.976, 1000])
+@pytest.mark.parametrize("state_hz", [1e-9, 1000])
 @pytest.mark.parametrize("modulation", MODULATIONS)
 def test_any_rate_and_any_onlooker_has_a_visibility(state_hz: float, modulation: str) -> None:
     layout = make_layout(modulation=modulation)
@@ -671,9 +657,8 @@ DISPLAYS_HZ = (48, 50, 59.94, 60, 72, 75, 85, 90, 100, 120, 144, 165, 170, 200, 
 """Refresh rates of displays that are sold."""
 
 
-@cases(*DISPLAYS_HZ)
-def test_receivers_know_the_rate_at_which_a_display_shows_a_code(refresh: float) -> None:
-    preset = PRESETS["hidden"]
-    preset.layout.code.check_rate(
-        send_cli.states_per_second(preset.state_hz, None, refresh, ".html")
-    )
+def test_receivers_know_the_rate_at_which_a_display_shows_a_code() -> None:
+    hidden = PRESETS["hidden"]
+    for refresh in DISPLAYS_HZ:
+        rate = send_cli.states_per_second(hidden.state_hz, None, refresh, ".html")
+        hidden.layout.code.check_rate(rate)

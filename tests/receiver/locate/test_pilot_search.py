@@ -6,7 +6,7 @@ from weakref import ref
 import cv2
 import numpy as np
 import pytest
-from conftest import cases, exhaustive, slow
+from conftest import cases, slow
 from pilot_films import (
     BENT_CORNERS,
     BENT_SIZE,
@@ -94,15 +94,6 @@ def test_finds_a_display_that_begins_to_play_late() -> None:
     assert number <= 40 + LEAST_WINDOW
 
 
-@pytest.mark.exhaustive
-def test_a_picture_is_taken_for_one_that_moves_only_where_something_toggled() -> None:
-    images, _ = filmed(FINE, 125, seed=2, hold=10**6)
-    finder = PilotSearch([FINE], 60.0)
-    for number, image in enumerate(images):
-        assert finder.push(image, number / 60) is None
-        assert not finder.picture_moves
-
-
 @pytest.mark.parametrize("pan", [0.0, 8.0])
 def test_a_display_whose_picture_moves_is_found_by_what_surrounds_it(pan: float) -> None:
     _, display = find(*filmed(FINE, 40, seed=2, pan=pan, hold=2), [FINE])
@@ -172,7 +163,7 @@ def dropped(frames: int, kept: int, seed: int) -> Array:
     return np.sort(rng.choice(frames, kept, replace=False)).astype(np.float64)
 
 
-@pytest.mark.parametrize("missing", [0, 36, 300])
+@pytest.mark.parametrize("missing", [0, 300])
 @pytest.mark.parametrize("frames_a_period", [4, 2])
 def test_evidence_is_no_surer_than_chance(frames_a_period: int, missing: int) -> None:
     """Whatever toggles, signs that it does not keep to are believed as rarely as evidence says."""
@@ -193,7 +184,7 @@ def test_evidence_is_no_surer_than_chance(frames_a_period: int, missing: int) ->
     assert evidence.max() < 6.0
 
 
-@pytest.mark.parametrize("frequency", [0.25, 0.5, 0.1875])
+@pytest.mark.parametrize("frequency", [0.5, 0.1875])
 def test_evidence_is_found_where_frames_are_missing(frequency: float) -> None:
     """The frequency is right, and a display that drifts slowly is as sure as one that does not."""
     rng, signs = np.random.default_rng(3), pilot_signs(FINE)
@@ -238,9 +229,9 @@ def test_waves_do_not_see_what_is_slow() -> None:
     assert np.abs(made).max() < 2
 
 
-@cases(slow("hidden"), exhaustive("fast"), exhaustive("robust"))
-def test_finds_each_preset_where_most_frames_are_dropped(name: str) -> None:
-    preset = PRESETS[name]
+@pytest.mark.slow
+def test_finds_a_preset_where_most_frames_are_dropped() -> None:
+    preset = PRESETS["hidden"]
     fps = 2 * preset.state_hz
     images, corners = filmed(preset.layout, 120, seed=0, kappa=5.0)
     finder = PilotSearch([p.layout for p in PRESETS.values() if p.layout.pilots], fps)
@@ -297,7 +288,7 @@ def test_all_blocks_lead_to_parts_of_a_pixel(frames_a_period: int, slope: float)
     assert np.abs(found - truth).max() < 0.5
 
 
-@pytest.mark.parametrize("k", [-0.1, -0.04, 0.06])
+@pytest.mark.parametrize("k", [-0.1, 0.06])
 @pytest.mark.parametrize("off", [0 * OFF, OFF], ids=["right", "off"])
 def test_all_blocks_tell_how_a_lens_bends_the_display(k: float, off: Array) -> None:
     """Corners were found as if the lens bent nothing."""
