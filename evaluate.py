@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from data_gen.flags import SourceFlags
+from data_gen.flags import SourceFlags, own_first
 from data_gen.frame_pair import shuffled_pictures
 from data_gen.pairs import PAIRS, pair_names
 from link.captures import read_manifest
