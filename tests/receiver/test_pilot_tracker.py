@@ -10,9 +10,7 @@ from conftest import exhaustive, slow
 from pilot_films import FINE, OTHER, BlockMeans, filmed, moving_picture
 
 from link.presets import PRESETS
-from link.steps import run_to_end
 from link.types import Array, Image
-from receiver.pilots.search.toggle_map import ToggleMap
 from receiver.pilots.stabilise import WIDTH, Stabiliser
 from receiver.receiver import Receiver
 from receiver.seen import SeenFrame
@@ -238,14 +236,6 @@ def test_copies_of_any_shape_are_held_still(shape: tuple[int, int]) -> None:
         stabiliser.on_image(corner), [[-0.5, -0.5], [shape[1] - 0.5, shape[0] - 0.5]], atol=1e-6
     )
     assert stabiliser.follow(np.zeros((50, 50), np.uint8)) is None
-
-
-@pytest.mark.parametrize("shape", [(1, 640), (16, 16), (300, 2)], ids=str)
-def test_what_toggles_nowhere_has_no_outline(shape: tuple[int, int]) -> None:
-    toggling = ToggleMap()
-    for number in range(24):
-        toggling.add(np.full(shape, 90, np.uint8), number)
-    assert all(run_to_end(toggling.outline(f)) is None for f in (0.0, 0.1, 0.25, 0.5, 0.9))
 
 
 @pytest.mark.slow

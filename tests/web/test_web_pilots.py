@@ -25,7 +25,7 @@ from link.types import Array
 from receiver.pilots.motion import map_size, moved_corners, without_slope
 from receiver.pilots.search.all_blocks import block_fit, block_maps
 from receiver.pilots.search.parts import COARSE_SIZE, coarse_shift
-from receiver.pilots.search.toggle_map import ToggleMap
+from receiver.pilots.search.stills import Stills
 from receiver.pilots.signal import common_phase, pilot_evidence
 from receiver.pilots.stabilise import Stabiliser
 from receiver.pilots.toggling import Wave
@@ -228,33 +228,14 @@ def test_corners_of_what_lies_elsewhere_in_its_rectified_image(port: Port) -> No
     same(found, moved_corners(CORNERS, H, FINE), within.MOVED_PX)
 
 
-def test_what_toggles_is_mapped_and_outlined(port: Port) -> None:
-    """A display of random blocks toggles in front of a texture."""
-    rng = np.random.default_rng(4)
-    room = 100 + 20 * texture((200, 300), 5)
-    signs = cv2.resize(rng.choice([-1.0, 1.0], (24, 32)), (128, 96), interpolation=0)
-    toggle_map, ported = (
-        ToggleMap(),
-        port("receiver/pilots/search/toggleMap.js").ToggleMap(300, 200),
-    )
-    for number in range(24):
-        if number < 10:
-            assert ported.outline(0.25) is None
-        still = room + rng.normal(0, 1, room.shape)
-        still[50:146, 80:208] += 6 * signs * (-1) ** (number // 2)
-        shown = np.clip(still + 0.5, 0, 255).astype(np.uint8)
-        toggle_map.add(shown, number)
-        ported.add(shown, number)
-    assert [len(list(ported.prepare(0.25))) for _ in range(2)] == [5, 0]
-    frequencies = (0.25, 0.0, 0.5)
-    outlines = [run_to_end(toggle_map.outline(frequency)) for frequency in frequencies]
-    for number in (4, 12):
-        same(ported.logPower(number), toggle_map._logs[number], within.FLOAT32_SUM)
-    for frequency, outline in zip(frequencies, outlines, strict=True):
-        same(ported.outline(frequency), outline, within.SAME_PX)
+def test_small_views_of_frames_are_the_same(port: Port) -> None:
+    stills, ported = Stills(), port("receiver/pilots/search/stills.js").Stills(300, 200)
+    for shown in np.random.default_rng(4).integers(0, 256, (3, 200, 300), np.uint8):
+        stills.add(shown)
+        ported.add(shown)
     right = np.array([[80.0, 50.0], [208.0, 50.0], [208.0, 146.0], [80.0, 146.0]])
     views = ported.views([right.tolist()], 48, 48)
-    for found, view in zip(views, toggle_map.views([right], 48, 48), strict=True):
+    for found, view in zip(views, stills.views([right], 48, 48), strict=True):
         assert differences(found, view)[1] < within.VIEW_MEAN
 
 

@@ -84,8 +84,8 @@ def words_of_the_page() -> set[str]:
 def object_name(module: str) -> str:
     """Name of the object that holds a module's constants; those of `link` lack its name.
 
-    >>> object_name("link.code.fine"), object_name("receiver.pilots.search.toggle_map")
-    ('codeFine', 'receiverPilotsSearchToggleMap')
+    >>> object_name("link.code.fine"), object_name("receiver.pilots.search.window_search")
+    ('codeFine', 'receiverPilotsSearchWindowSearch')
     """
     first, *words = module.removeprefix("link.").replace("_", ".").split(".")
     return first + "".join(word.capitalize() for word in words)

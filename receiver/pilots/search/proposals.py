@@ -45,8 +45,9 @@ STRONGEST = 2
 all frames have been watched; the strongest one of faint edges is another. It bounds the work;
 chosen by hand."""
 STATES_HZ = (15.0, 30.0, 60.0, 120.0)
-"""Numbers of states a second at which what toggles is outlined; where edges bound the display, it
-is found at any rate. Panels show states at whole parts of 60 and 120 Hz."""
+"""Numbers of states a second at which the pilots of layouts without a code are fitted to
+quadrilaterals that may be far off; where edges bound the display, it is found at any rate. Panels
+show states at whole parts of 60 and 120 Hz."""
 PROMISING = 9.0
 """Evidence of a quadrilateral, before the number of trials is taken off, at which its corners are
 refined at once. The false-alarm probability of one quadrilateral is then e to the -9, one in 8,000,
@@ -104,7 +105,7 @@ class Proposer:
     """Proposes where the display may be in a film, and what it may show.
 
     Quadrilaterals of edges in the reference are weighed coarsely while frames are being watched.
-    What toggles, faint edges and the pilots' fit propose others once all have been.
+    Faint edges and the pilots' fit propose others once all have been.
 
     Args:
         watch: the film, of which the reference frame has come.
@@ -146,22 +147,12 @@ class Proposer:
         Yields:
             quadrilaterals in each of them, (4, 2) pixels of the reference, the strongest first.
         """
-        mean = np.asarray(self._watch.map.mean(), np.uint8)
+        mean = np.asarray(self._watch.stills.mean(), np.uint8)
         bright_first = cv2.MORPH_OPEN, cv2.MORPH_CLOSE
         for side, ways in ((1, ()), (BRIGHT_PX, bright_first), (DARK_PX, bright_first[::-1])):
             even = np.asarray(cv2.equalizeHist(_without_details(mean, side, ways)), np.uint8)
             found = display_candidates(even, CANDIDATES)
             yield [self._watch.on_image(candidate.corners) for candidate in found]
-
-    def outlines(self) -> Steps[list[Array]]:
-        """Propose quadrilaterals, (4, 2) pixels of the reference, that bound what toggles."""
-        outlines = []
-        for frequency in self._frequencies:
-            outline = yield from self._watch.map.outline(frequency)
-            yield 1
-            if outline is not None:
-                outlines.append(self._watch.on_image(outline))
-        return outlines
 
     def weigh_coarsely(
         self, quad: Array, turns: Sequence[int], count: int | None = None
@@ -195,13 +186,13 @@ class Proposer:
         key = quad.tobytes(), turn
         values = self._kept.setdefault(key, []) if count is not None else []
         places = self._watch.places(quad, count)
-        views = self._watch.map.views(places, *self._finest, turn, first=len(values))
+        views = self._watch.stills.views(places, *self._finest, turn, first=len(values))
         values += [_pilots_in(view, self._layouts) for view in views]
         return values
 
     def likeliest_in(self, corners: Array, layouts: Sequence[Layout]) -> tuple[float, Proposal]:
         """Choose the layout, either side up, that is likeliest in small views of corners."""
-        views = self._watch.map.views(self._watch.places(corners), *self._finest)
+        views = self._watch.stills.views(self._watch.places(corners), *self._finest)
         return self._likeliest(corners, [_pilots_in(view, layouts) for view in views], layouts)
 
     def _likeliest(
@@ -224,7 +215,7 @@ class Proposer:
         Returns:
             what fits best after a shift from far, or None where nothing does.
         """
-        views = self._watch.map.views(self._watch.places(quad), *COARSE_SIZE).astype(np.float32)
+        views = self._watch.stills.views(self._watch.places(quad), *COARSE_SIZE).astype(np.float32)
         at = positions(self._watch.frames)
         best: tuple[int, Proposal] | None = None
         for layout in self._layouts:

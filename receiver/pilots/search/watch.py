@@ -9,13 +9,13 @@ from link.geometry import in_image, transform
 from link.images import as_gray
 from link.types import Array, Corners, Gray, Homography, Image
 from receiver.pilots.search.film import HeldFrame, MovingOutline, Surrounded, surroundings_of
-from receiver.pilots.search.toggle_map import ToggleMap
+from receiver.pilots.search.stills import Stills
 from receiver.pilots.stabilise import Stabiliser, Tracks
 from receiver.pilots.waves import position
 
 WINDOW_S, LEAST_WINDOW, MOST_WINDOW = 0.4, 24, 48
-"""Time, in seconds, for which a room is watched before what toggles is outlined, and the smallest
-and the largest number of frames that are watched: quick cameras see more of less light. The
+"""Time, in seconds, for which a room is watched before a search ends, and the smallest and the
+largest number of frames that are watched: quick cameras see more of less light. The
 shortest window has six periods of a display that shows two states in four frames. Chosen by
 hand."""
 IN_VIEW = 0.75
@@ -86,7 +86,7 @@ class Watch:
         """Number of later frames that must agree with what is not certain."""
         self._kept: list[HeldFrame] = []  # those watched, and the newest after them
         self._held = max(LEAST_HELD, round(HELD_S * fps))
-        self.map = ToggleMap()
+        self.stills = Stills()
         """Map of the places that toggle in the frames watched."""
         self.fps = fps
         self._own: dict[bytes, list[Array]] = {}
@@ -139,7 +139,7 @@ class Watch:
             self._kept.append(each)
             if len(self._kept) <= self.window:
                 still = self._stabiliser.still(each.gray, each.H_image_from_reference)
-                self.map.add(still, each.at)
+                self.stills.add(still)
         if len(self._kept) > self.window + max(self._held, self.confirming):
             del self._kept[self.window]
         return True

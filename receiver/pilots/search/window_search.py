@@ -1,8 +1,8 @@
 """Look for a display in one window of a film: the frames that follow a reference frame.
 
-Edges and what toggles (`toggle_map`) propose where the display may be. Corners then move to where
-the pilots fit the grid, and a display is detected if its blocks toggle with the pilots' signs
-(`settle.verify`). That also tells which way up it is and which of several grids it shows.
+Edges propose where the display may be. Corners then move to where the pilots fit the grid, and a
+display is detected if its blocks toggle with the pilots' signs (`settle.verify`). That also tells
+which way up it is and which of several grids it shows.
 """
 
 from collections.abc import Iterator, Sequence
@@ -116,10 +116,7 @@ class WindowSearch:
             if found := (yield from trial):
                 return found
         every_turn = [turn + half for turn in self._turns for half in (0, 2)]
-        if found := (yield from self._fit([*edges[:STRONGEST], *self._faint[:1]], every_turn)):
-            return found
-        outlines = yield from proposer.outlines()
-        return (yield from self._fit(outlines, every_turn))
+        return (yield from self._fit([*edges[:STRONGEST], *self._faint[:1]], every_turn))
 
     def _aside(self) -> Iterator[Search]:
         """List what is tried while frames are awaited: faint edges, and displays partly in view."""

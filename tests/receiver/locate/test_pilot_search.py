@@ -28,10 +28,10 @@ from link.types import Array, Floats, Image
 from receiver.pilots.search.all_blocks import BlockFit, block_fit, block_maps
 from receiver.pilots.search.parts import COARSE_SIZE, coarse_shift
 from receiver.pilots.search.pilot_search import PilotSearch
-from receiver.pilots.search.toggle_map import ToggleMap
+from receiver.pilots.search.stills import Stills
 from receiver.pilots.search.watch import LEAST_WINDOW
 from receiver.pilots.signal import pilot_evidence
-from receiver.pilots.stabilise import Stabiliser, Tracks
+from receiver.pilots.stabilise import Tracks
 from receiver.pilots.toggling import Wave
 from receiver.pilots.waves import position, span_of, waves
 
@@ -210,13 +210,13 @@ def test_waves_of_evenly_spaced_frames_are_those_of_fourier() -> None:
 
 def test_small_views_show_what_a_quadrilateral_bounds() -> None:
     still = np.random.default_rng(0).integers(0, 256, (90, 160), np.uint8)
-    toggle_map = ToggleMap()
-    toggle_map.add(still, 0.0)
-    toggle_map.add(255 - still, 1.0)
+    stills = Stills()
+    stills.add(still)
+    stills.add(255 - still)
     corners = np.array([[39.5, 29.5], [99.5, 29.5], [99.5, 59.5], [39.5, 59.5]])
     bounded = still[30:60, 40:100]
-    np.testing.assert_array_equal(toggle_map.views([corners], 60, 30), [bounded, 255 - bounded])
-    turned = toggle_map.views([corners, corners], 30, 60, turn=1, first=1)
+    np.testing.assert_array_equal(stills.views([corners], 60, 30), [bounded, 255 - bounded])
+    turned = stills.views([corners, corners], 30, 60, turn=1, first=1)
     np.testing.assert_array_equal(turned, [np.rot90(255 - bounded)])
 
 
@@ -346,22 +346,6 @@ def test_changes_of_frame_pairs_are_kept_apart() -> None:
     assert strength.min() > 0.7 * strength.max()
     others = np.delete(np.sign(blocks), FINE.pilot_blocks, axis=1)
     assert abs((others[1:] == others[:-1]).mean() - 0.5) < 0.1
-
-
-def test_what_toggles_is_outlined() -> None:
-    images, corners = filmed(FINE, 24, seed=7, dark=True)
-    stabiliser = Stabiliser(images[0])
-    toggling = ToggleMap()
-    for number, image in enumerate(images):
-        H = stabiliser.follow(image)
-        assert H is not None
-        toggling.add(stabiliser.still(image, H), number)
-    outline = run_to_end(toggling.outline(0.25))
-    assert outline is not None
-    found = stabiliser.on_image(outline)
-    errors = [np.abs(np.roll(found, -turn, axis=0) - corners[0]).max() for turn in range(4)]
-    assert min(errors) < 40
-    assert run_to_end(toggling.outline(0.0)) is None
 
 
 def test_layouts_need_pilots() -> None:

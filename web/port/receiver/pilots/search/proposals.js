@@ -25,9 +25,6 @@ export const { NEXT_FRAME } = receiverPilotsSearchWatch;
 /** Units of work of one frame's view of a display, and of a glance at it. */
 export const VIEW_WORK = 0.6;
 export const GLANCE_WORK = 10;
-/** Units of work of the power at one frequency, and of an outline. */
-const POWER_WORK = 10;
-const OUTLINE_WORK = 40;
 /** Units of work of looking for bars within quadrilaterals of edges. */
 const BARS_WORK = 5;
 /** Units of work of a layout's fit, and of rough maps. */
@@ -86,8 +83,8 @@ export const positions = (frames) => frames.map(({ at }) => at);
 
 /**
  * Proposes where the display may be in a film, and what it may show. Quadrilaterals of edges in the
- * reference are glanced at while frames are still being watched. What toggles, faint edges and the
- * pilots' fit propose others once all have been.
+ * reference are glanced at while frames are still being watched. Faint edges and the pilots' fit
+ * propose others once all have been.
  */
 export class Proposer {
   #watch;
@@ -139,22 +136,6 @@ export class Proposer {
   }
 
   /**
-   * Propose quadrilaterals that bound what toggles.
-   *
-   * @returns {Steps<Point[][]>}
-   */
-  *outlines() {
-    const outlines = [];
-    for (const frequency of this.#frequencies) {
-      for (const _ of this.#watch.map.prepare(frequency)) yield POWER_WORK;
-      const outline = this.#watch.map.outline(frequency);
-      yield OUTLINE_WORK;
-      if (outline !== null) outlines.push(this.#watch.onImage(outline));
-    }
-    return outlines;
-  }
-
-  /**
    * Weigh a quadrilateral by small views of what toggles in it, step by step.
    *
    * @param {Point[]} quad
@@ -188,7 +169,7 @@ export class Proposer {
     if (count !== null) this.#kept.set(quad, kept);
     const values = kept[turn];
     const places = this.#watch.places(quad, count);
-    const views = this.#watch.map.views(places, cols, rows, turn, values.length);
+    const views = this.#watch.stills.views(places, cols, rows, turn, values.length);
     values.push(...pilotsIn(views, this.#layouts));
     return values;
   }
@@ -231,7 +212,7 @@ export class Proposer {
    * @returns {Generator<Steps<Point[][]>>} what finds those of each, the strongest first
    */
   *faintEdges() {
-    const mean = this.#watch.map.mean();
+    const mean = this.#watch.stills.mean();
     yield this.#edgesOf(equalised(mean));
     yield this.#edgesOf(equalised(withoutDetails(mean, BRIGHT_PX, true)));
     yield this.#edgesOf(equalised(withoutDetails(mean, DARK_PX, false)));

@@ -7,7 +7,7 @@ import { identity, inverse } from "../../../link/linear.js";
 import { Stabiliser } from "../stabilise.js";
 import { position } from "../waves.js";
 import { HeldFrame, MovingOutline, surroundingsOf } from "./film.js";
-import { ToggleMap } from "./toggleMap.js";
+import { Stills } from "./stills.js";
 
 const { WINDOW_S, LEAST_WINDOW, MOST_WINDOW, IN_VIEW, CHECKED, HELD_S, LEAST_HELD } =
   receiverPilotsSearchWatch;
@@ -40,7 +40,7 @@ export class Watch {
     this.#stabiliser = new Stabiliser(reference, pictureMoves);
     const { width, height } = this.#stabiliser.reference;
     /** What toggles in the frames watched. */
-    this.map = new ToggleMap(width, height);
+    this.stills = new Stills(width, height);
     const usual = Math.min(MOST_WINDOW, Math.max(LEAST_WINDOW, roundHalfEven(WINDOW_S * fps)));
     /** Number of frames that are watched. */
     this.window = longer * usual;
@@ -147,7 +147,7 @@ export class Watch {
   #add(frame) {
     this.frames.push(frame);
     const still = this.#stabiliser.still(frame.gray, frame.HFrameFromReference);
-    this.map.add(still, frame.at);
+    this.stills.add(still);
   }
 
   /**
@@ -158,7 +158,7 @@ export class Watch {
    * @param {number} height
    */
   views(corners, width, height) {
-    return this.map.views(this.places(corners, null), width, height);
+    return this.stills.views(this.places(corners, null), width, height);
   }
 
   /**

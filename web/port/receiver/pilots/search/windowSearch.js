@@ -1,9 +1,9 @@
 /**
  * Look for a display in one window of a film: the frames that follow a reference frame.
  *
- * Edges and what toggles (`toggleMap.js`) propose where the display may be. Corners then move to where
- * the pilots fit the grid, and the display is believed if its blocks toggle with the pilots' signs
- * beyond doubt (`settle.js`). That also tells which way up it is and which of several grids it shows.
+ * Edges propose where the display may be. Corners then move to where the pilots fit the grid, and the
+ * display is believed if its blocks toggle with the pilots' signs beyond doubt (`settle.js`). That also
+ * tells which way up it is and which of several grids it shows.
  */
 
 import { receiverPilotsSearchWindowSearch } from "../../../../generated/constants.js";
@@ -131,10 +131,7 @@ export class WindowSearch {
     }
     const everyTurn = this.#turns.flatMap((turn) => [turn, turn + 2]);
     const strongest = [...edges.slice(0, STRONGEST), ...this.#faint.slice(0, 1)];
-    const fitted = yield* this.#fit(strongest, everyTurn);
-    if (fitted !== null) return fitted;
-    const outlines = yield* proposer.outlines();
-    return yield* this.#fit(outlines, everyTurn);
+    return yield* this.#fit(strongest, everyTurn);
   }
 
   /**
