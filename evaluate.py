@@ -135,6 +135,8 @@ class EvaluateConfig(SourceFlags):
     """Number of processes that decode."""
     backend: Literal["loky", "dask"] = "loky"
     """Where cells are decoded: processes of this machine, or the workers of a Dask cluster."""
+    scheduler: str | None = None
+    """With --backend dask: the scheduler's address, such as tcp://host:8786."""
 
 
 def main() -> None:
