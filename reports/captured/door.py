@@ -42,6 +42,10 @@ better than the expected one before they are taken to show that one."""
 Known = KnownWindow | Captured
 
 
+class UnreadError(InputError):
+    """No display is found in a film, or none of its parts is read well enough to be matched."""
+
+
 @dataclass(frozen=True)
 class Recordings:
     """Recordings and what they show; nothing is decoded yet."""
@@ -77,11 +81,13 @@ class Recordings:
     def record(self, folder: Path) -> list[str]:
         """Write the captures to a folder, unless it holds them already.
 
+        Of several films, those that cannot be read are left out.
+
         Returns:
-            a line for each part that was left out.
+            a line for each film and each part that was left out.
 
         Raises:
-            InputError: a recording does not show what was sent, or shows no display; one line says
+            InputError: a recording does not show what was sent, or none can be read; one line says
                 where.
         """
         if is_file(folder / MANIFEST):
@@ -93,7 +99,14 @@ class Recordings:
             angle = re.search(r"(\d+)deg", film.stem)
             meta = {"film": film.name} | ({"view_deg": float(angle[1])} if angle else {})
             meta = {"pair": film.stem} | meta | self.meta
-            for sent, found, view in self.received(film, shown, notes):
+            try:
+                received = list(self.received(film, shown, notes))
+            except UnreadError as error:
+                if len(self.films) == 1:
+                    raise
+                notes.append(f"left out: {error}")
+                continue
+            for sent, found, view in received:
                 name = f"{film.name}: {sent.part}" if sent.part else film.name
                 own = {"film": name, "pair": sent.part} if sent.part else {}
                 captures += [
@@ -123,7 +136,7 @@ class Recordings:
         elif not shown[0].part:
             reception = watch(film, shown[0].layout, self.fps)
             if not reception.cuts:
-                raise InputError(f"{film}: {reception.seen['silence']}")
+                raise UnreadError(f"{film}: {reception.seen['silence']}")
             found, left_out = truths(film, reception, shown[0])
             notes += left_out
             yield shown[0], found, reception.seen
@@ -286,7 +299,7 @@ def check_film(film: Path, cuts: list[Cut], matches: list[Match]) -> None:
                 f"{film}: from {second:.1f} s on it does not go on as the loop of --sent does; is "
                 "it cut there, or was the player paused?"
             )
-        raise InputError(
+        raise UnreadError(
             f"{film}: no part is read well enough to tell which part of --sent it shows; film "
             "longer, closer or steadier, or give what was shown"
         )

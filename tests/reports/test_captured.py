@@ -24,7 +24,13 @@ from link.images.files import read_image
 from link.layout import Layout, make_layout
 from link.observation import Observation
 from link.presets import PRESETS
-from reports.captured.door import bench_part, check_film, open_recordings, photographed
+from reports.captured.door import (
+    Recordings,
+    bench_part,
+    check_film,
+    open_recordings,
+    photographed,
+)
 from reports.captured.receive import Cut, Reception
 from reports.captured.sent import Sent, read_sent, sent_bits
 from reports.captured.truth import match_loop
@@ -259,6 +265,24 @@ def test_a_bench_says_what_each_part_shows(tmp_path: Path, command: Command) -> 
     reception = Reception([Cut(at, at + 1.0, layout, scores, window) for at in (0, 1)])
     assert bench_part(reception, stronger)[1] == 2.0
     assert bench_part(reception, hidden)[1] == 0.0
+
+
+def test_of_several_films_those_that_are_not_read_are_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    layout = make_layout()
+    gray = np.zeros((layout.height, layout.width), np.uint8)
+    cut = Cut(0.0, 1.0, layout, read(shown(0, 1)), Observation.still(gray, gray, layout))
+    receptions = {"dark": Reception([], {"silence": "no display"}), "good": Reception([cut])}
+    monkeypatch.setattr("reports.captured.door.watch", lambda film, *_: receptions[film.name])
+    dark, good = (
+        (Path(name), (Sent(layout, 3, LOOP.astype(np.int64), ""),)) for name in receptions
+    )
+    notes = Recordings((dark, good), False, {}).record(tmp_path / "both")
+    assert notes == ["left out: dark: no display"]
+    assert [entry.meta["film"] for entry in read_manifest(tmp_path / "both")] == ["good"]
+    with pytest.raises(InputError, match="dark: no display"):
+        Recordings((dark,), False, {}).record(tmp_path / "one")
 
 
 def test_a_place_without_films_is_refused(tmp_path: Path) -> None:
