@@ -1,5 +1,4 @@
-"""Propose where a display may be and what it may show, and measure how surely pilots toggle
-there."""
+"""Propose where displays may be and what they may show, and measure how their pilots toggle."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
