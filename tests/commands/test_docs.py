@@ -65,7 +65,7 @@ def test_every_command_exists(page: Path) -> None:
 
 def shown_flags() -> dict[str, set[str]]:
     """Flags that the pages show, by the command that gets them, such as "lab rates"."""
-    found = defaultdict(set)
+    found: defaultdict[str, set[str]] = defaultdict(set)
     for page in PAGES:
         text = re.sub(r"\\\n", " ", page.read_text("utf-8"))
         text = re.sub(r"(?<=[^`\n])\n(?=[^`\n]+`[^`])", " ", text)  # code that breaks in a line
