@@ -37,7 +37,7 @@ def main_table(docs: Path) -> str:
 
 def harder_table(docs: Path) -> str:
     """Show wrong bits beyond the paper's conditions, with their intervals, from the ablation."""
-    entries = by_place(stored(ABLATION, docs))
+    entries = by_row_and_condition(stored(ABLATION, docs))
     rows: list[list[str | TableCell]] = []
     for key, words in HARDER.items():
         shown = [entries[row, key] for row in DECODER_ROWS]
@@ -53,7 +53,7 @@ def harder_table(docs: Path) -> str:
 def against_oorc(docs: Path) -> str:
     """Compare `learned` with OORC in the paper's cells, with the command that did it."""
     results = stored(ABLATION, docs, "paper")
-    entries = by_place(results)
+    entries = by_row_and_condition(results)
     ours, theirs = entries["learned", "paper"], entries["oorc", "paper"]
     paired = ours.against["oorc"]
     cells = [cell for cell in results.content.behind_oorc if cell.row == "learned"]
@@ -70,7 +70,7 @@ def stored(study: Study[Any, Any], docs: Path, label: str = "") -> Results[Any]:
     return stored_results(study, study.folder(docs))[label or study.name]
 
 
-def by_place(results: Results[Any]) -> dict[tuple[str, str], AblationEntry]:
+def by_row_and_condition(results: Results[Any]) -> dict[tuple[str, str], AblationEntry]:
     """Entries of an ablation by row and condition."""
     return {(entry.row, entry.condition): entry for entry in results.content.entries}
 

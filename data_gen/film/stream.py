@@ -197,13 +197,13 @@ class _Stream:
         for number in count():
             if settings.seconds is not None and number / settings.fps >= settings.seconds:
                 return
-            late = self._late() if number else 0.0
+            late = self._jitter() if number else 0.0
             time_s, step_s = number / settings.fps + late, 1 / settings.fps + (late - late_before)
             lost, again = self.loss_rng.random(2) < (settings.drop, settings.duplicate)
             motion = self.hand.step(step_s)
             way = settings.hand * scene.pair.setup.sway * self.sway.step(step_s)
             gain = self.exposure.step(step_s)
-            smear = self._smear(motion_before, motion, step_s)
+            shutter_shift = self._shutter_shift(motion_before, motion, step_s)
             late_before, motion_before = late, motion
             if lost:
                 continue
@@ -214,15 +214,15 @@ class _Stream:
                     if previous is None:
                         self._settle(time_s, motion, way)
                     self.program.step(step_s)
-                previous = self._film_frame(number, time_s, motion, way, gain, smear)
+                previous = self._film_frame(number, time_s, motion, way, gain, shutter_shift)
             yield previous
 
-    def _late(self) -> float:
+    def _jitter(self) -> float:
         """Draw by how many seconds the sensor takes a frame after its time."""
         limit, jitter_s = MAX_JITTER / self.settings.fps, self.settings.jitter_s
         return float(np.clip(jitter_s * self.jitter_rng.standard_normal(), -limit, limit))
 
-    def _smear(
+    def _shutter_shift(
         self, before: NDArray[np.float64] | None, motion: NDArray[np.float64], step_s: float
     ) -> NDArray[np.float64] | None:
         """Return the shift (2,), in pixels, of the image's centre while the shutter is open."""
@@ -249,7 +249,7 @@ class _Stream:
         motion: NDArray[np.float64],
         way: NDArray[np.float64],
         gain: float,
-        smear: NDArray[np.float64] | None,
+        shutter_shift: NDArray[np.float64] | None,
     ) -> VideoFrame:
         """Expose and develop one frame of a camera that has moved."""
         scene, now = self.scene, self._exposure()
@@ -259,8 +259,8 @@ class _Stream:
         exposure = shot.expose_light(light)
         if self.program is not None:
             self.program.meter(exposure, now.gain * gain)
-        if smear is not None:
-            exposure = blur_by_motion(exposure, smear)
+        if shutter_shift is not None:
+            exposure = blur_by_motion(exposure, shutter_shift)
         H = shot.H_captured_from_display
         points = transform(H, frame_corners(scene.layout.width, scene.layout.height))
         return VideoFrame(

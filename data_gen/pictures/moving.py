@@ -179,7 +179,7 @@ def _cuts(pictures: Sequence[Frame], rng: np.random.Generator) -> Scene:
 # --- what moves before it -----------------------------------------------------------------------
 
 
-def _laid(under: Frame, over: Frame, cover: NDArray[np.float32], left: int, top: int) -> Frame:
+def _laid_over(under: Frame, over: Frame, cover: NDArray[np.float32], left: int, top: int) -> Frame:
     """Lay a thing over a picture, at whole pixels; what lies outside is cut off."""
     height, width = under.shape[:2]
     tall, wide = cover.shape
@@ -192,7 +192,7 @@ def _laid(under: Frame, over: Frame, cover: NDArray[np.float32], left: int, top:
     return shown
 
 
-def _thing(
+def _cutout(
     picture: Frame, size: float, rng: np.random.Generator
 ) -> tuple[Frame, NDArray[np.float32]]:
     """Cut a thing out of a picture: a disc, a block or a figure, of a height given as a share.
@@ -237,7 +237,7 @@ def _passing(
     things = []
     for at in range(int(rng.integers(1, most + 1))):
         size = float(np.exp(rng.uniform(*np.log(sizes))))
-        levels, cover = _thing(pictures[(1 + at) % len(pictures)], size, rng)
+        levels, cover = _cutout(pictures[(1 + at) % len(pictures)], size, rng)
         speed = float(np.exp(rng.uniform(*np.log(speeds)))) * rng.choice((-1, 1))
         things.append((levels, cover, speed, rng.random(), rng.uniform(0, 1), rng.uniform(0, 0.02)))
 
@@ -248,7 +248,7 @@ def _passing(
             reach = 1 + wide / width
             x = (start + speed * time / reach) % 1 * reach * width - wide
             y = (height - tall) * depth + bob * height * np.sin(11.0 * time)
-            shown = _laid(shown, levels, cover, round(x), round(y))
+            shown = _laid_over(shown, levels, cover, round(x), round(y))
         return shown
 
     return scene

@@ -76,7 +76,7 @@ def _lock_name(file: str) -> str:
     return f".{file if short else file[:50]}{LOCK}"
 
 
-def _lives(process: int) -> bool:
+def _is_running(process: int) -> bool:
     """Whether a process of this number runs, whoever it belongs to."""
     try:
         os.kill(process, 0)
@@ -94,7 +94,7 @@ def _remove_temporaries(folder: Path, file: str) -> None:
             match = TEMPORARY.fullmatch(name)
             if match is None or (file and match[1] not in (file, file[:50])):
                 continue  # `link.images.temporary_name` cuts long names
-            if int(match[2]) != os.getpid() and _lives(int(match[2])):
+            if int(match[2]) != os.getpid() and _is_running(int(match[2])):
                 continue  # it is being written below a folder whose lock was free
             path = os.path.join(parent, name)
             if os.path.isdir(path) and not os.path.islink(path):

@@ -45,7 +45,8 @@ def ablation_figure(ablation: Ablation, kind: str = "simulated captures") -> Fig
     }
     blocks = {reference: rows for reference, rows in blocks.items() if rows}
     heights = [len(rows) + 1 for rows in blocks.values()]
-    figure = Figure(figsize=(1.6 + 2.4 * len(conditions), 1.4 + 0.3 * sum(heights)))
+    width = max(4.0, 1.6 + 1.7 * len(conditions))  # so that a page does not shrink the words away
+    figure = Figure(figsize=(width, 1.4 + 0.3 * sum(heights)))
     panels = figure.subplots(
         len(blocks),
         len(conditions),

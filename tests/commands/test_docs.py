@@ -3,6 +3,8 @@
 import re
 import shutil
 import sys
+from collections import defaultdict
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +20,10 @@ BLOCK = re.compile(r"^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"\]\(((?!https?:)[^)\s]+)\)")
 COMMAND = re.compile(r"python -m ([a-z_][\w.]*\w)")
 HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
+SHELL = re.compile(
+    r"(?:python3? |`)(?:-m (lab [a-z_]+|[a-z_][\w.]*\w)|(evaluate|train)\.py)([^`\n]*)"
+)
+FLAG = re.compile(r"(?<= )--(?:[a-z][a-z0-9.-]*)")
 DIFF = re.compile(r"^```diff\n# (\S+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 PAGES = [
     *(ROOT / f"{name}.md" for name in ("README", "CHANGELOG", "CONTRIBUTING")),
@@ -57,10 +63,46 @@ def test_every_command_exists(page: Path) -> None:
     assert set(re.findall(r"python -m lab ([a-z_]+)", text)) <= set(STUDIES), page.name
 
 
+def shown_flags() -> dict[str, set[str]]:
+    """Flags that the pages show, by the command that gets them, such as "lab rates"."""
+    found: defaultdict[str, set[str]] = defaultdict(set)
+    for page in PAGES:
+        text = re.sub(r"\\\n", " ", page.read_text("utf-8"))
+        text = re.sub(r"(?<=[^`\n])\n(?=[^`\n]+`[^`])", " ", text)  # code that breaks in a line
+        for module, script, rest in SHELL.findall(text):
+            name = module or script
+            if name not in FOREIGN and TAG not in rest:
+                found[name] |= set(FLAG.findall(rest))
+    return {name: flags for name, flags in found.items() if flags}
+
+
+@pytest.mark.slow
+def test_every_flag_that_a_page_shows_is_in_the_help_of_its_command(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flags = shown_flags()
+    assert {"evaluate", "train", "sender", "receiver", "data_gen.video", "lab rates"} <= set(flags)
+    for name, shown in flags.items():
+        module, *study = name.split()
+        monkeypatch.setattr(sys, "argv", [name, *study, "--help"])
+        entry = module if not (ROOT / module.replace(".", "/")).is_dir() else f"{module}.__main__"
+        with pytest.raises(SystemExit):
+            import_module(entry).main()
+        missing = shown - set(re.findall(r"--[a-z][a-z0-9.-]*", capsys.readouterr().out))
+        assert not missing, f"{name}: the pages show {sorted(missing)}"
+
+
 def is_command(name: str) -> bool:
     """Whether a module that can be run has this name."""
     path = ROOT / name.replace(".", "/")
     return name in FOREIGN or path.with_suffix(".py").is_file() or (path / "__main__.py").is_file()
+
+
+def test_the_rates_of_the_readme_are_those_of_the_docs() -> None:
+    quoted = re.findall(r"\d+ of \d+", (ROOT / "README.md").read_text("utf-8"))
+    assert quoted
+    hidden = (ROOT / "docs" / "hidden.md").read_text("utf-8")
+    assert not [rate for rate in quoted if rate not in hidden]
 
 
 def test_the_frozen_commands_are_gone() -> None:

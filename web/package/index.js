@@ -220,7 +220,7 @@ export class Receiver {
   /** @param {number} time */
   #checkTime(time) {
     if (typeof time !== "number" || !Number.isFinite(time)) {
-      throw new InputError("time", `time: need a finite number of seconds, got ${told(time)}`);
+      throw new InputError("time", `time: need a finite number of seconds, got ${asText(time)}`);
     }
     if (!(time > this.#time)) {
       throw new InputError("time", `time: must rise, got ${time} s after ${this.#time} s`);
@@ -253,11 +253,11 @@ export class Receiver {
 function checkNumber(name, value, least, most) {
   if (typeof value === "number" && value >= least && value <= most) return;
   const range = most === Infinity ? `a number above ${least}` : `a number from ${least} to ${most}`;
-  throw new InputError("argument", `${name}: need ${range}, got ${told(value)}`);
+  throw new InputError("argument", `${name}: need ${range}, got ${asText(value)}`);
 }
 
-/** @param {unknown} value @returns {string} how it is told, so that "1" is not 1 */
-function told(value) {
+/** @param {unknown} value @returns {string} the value as messages show it, so that "1" is not 1 */
+function asText(value) {
   return typeof value === "string" ? JSON.stringify(value) : String(value);
 }
 
@@ -270,7 +270,7 @@ async function planeOf(frame) {
   const { width, height, data } = frame;
   const pixels = width * height;
   if (![width, height].every((side) => Number.isInteger(side) && side >= images.MIN_SIDE_PX)) {
-    const sides = `${told(width)} x ${told(height)}`;
+    const sides = `${asText(width)} x ${asText(height)}`;
     throw new Error(`a frame needs whole numbers of ${images.MIN_SIDE_PX} px or more, got ${sides}`);
   }
   if (!(data instanceof Uint8Array || data instanceof Uint8ClampedArray)) {
