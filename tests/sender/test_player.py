@@ -168,6 +168,7 @@ def ramp(height: int, width: int) -> Image:
 
 
 EXACT: dict[str, tuple[int, dict[str, Any], dict[str, Any]]] = {
+    "on_off, ratex": (5, {"ratex": 5}, {}),
     "antipodal, ratex, odd": (5, {"ratex": 2, "modulation": "antipodal"}, {}),
     "antipodal, pilots, most": (64, {"pilots": 4, "modulation": "antipodal"}, {}),
     "antipodal, ratex, even": (5, {"ratex": 2, "modulation": "antipodal"}, {"even": True}),

@@ -5,7 +5,6 @@ from math import lcm
 from pathlib import Path
 
 import numpy as np
-import pytest
 from pilot_films import robust_film
 
 from lab.films.pilot_search import (
@@ -13,10 +12,8 @@ from lab.films.pilot_search import (
     PATTERNS,
     SCENE,
     SearchOutcome,
-    SearchTake,
     displayed_states,
     folder_outcome,
-    search_film,
     search_table,
     searched_layouts,
     stages_table,
@@ -63,13 +60,6 @@ def test_displays_show_the_preset_or_another_layout_or_stand_still() -> None:
     assert layout not in searched_layouts()
     states, _ = displayed_states("still", shown, "hidden", rng)
     assert len(states) == 1
-
-
-@pytest.mark.exhaustive
-def test_a_display_that_begins_late_is_timed_from_its_beginning() -> None:
-    found = search_film(SearchTake("robust", "late", 0, 1.5, "canon-lg", 0))
-    assert found.right
-    assert found.found_s is not None and 0.3 < found.found_s < 1.5
 
 
 def outcome(number: int, seen: str = "display", off: float | None = 0.2) -> SearchOutcome:
