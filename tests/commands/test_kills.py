@@ -10,6 +10,7 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
+import pytest
 from conftest import ROOT, Command, cases, files_in, run_process
 
 DIE = """

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 import numpy as np
+import pytest
 from conftest import cases, slow
 from port import Port, same
 from scores import noisy, shown
