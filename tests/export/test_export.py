@@ -393,6 +393,7 @@ def test_a_model_that_asks_for_12_gigabytes_is_refused(
         )
 
 
+@pytest.mark.slow
 def test_a_file_of_a_million_empty_graphs_is_refused_at_once() -> None:
     with pytest.raises(InputError, match="more than 500000 fields"):
         check_onnx_file(b"\x3a\x00" * 10**6)

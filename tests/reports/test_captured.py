@@ -245,6 +245,7 @@ def test_a_film_is_evaluated_and_goes_on_where_it_was_cut_off(
     assert "does not show what --sent holds" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_bench_says_what_each_part_shows(tmp_path: Path, command: Command) -> None:
     command(send.main, "--bench", "--out", tmp_path / "bench.html")
     parts = {part.part: part for part in read_sent(tmp_path / "bench.html")}

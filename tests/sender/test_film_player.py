@@ -119,6 +119,7 @@ def test_a_film_lies_in_the_page_or_in_scripts_beside_it(
     wait_for(page, "player.playing && film.video.currentTime > 0.2")
 
 
+@pytest.mark.slow
 def test_films_that_a_player_does_not_take_are_refused_in_one_line(
     tmp_path: Path, refuses: Refuses, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -47,6 +47,7 @@ def test_a_film_has_scenes_that_move_and_no_message() -> None:
         assert len(steps) == 1  # the next state is the one before, moved
 
 
+@pytest.mark.slow
 def test_displays_show_the_preset_or_another_layout_or_stand_still() -> None:
     shown, rng = pictures(1), np.random.default_rng(1)
     states, layout = displayed_states("display", shown, "hidden", rng)
