@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from browser import wait_for
 from conftest import Command, OpenWindow, Refuses, cases
 from moving import write_moving
 from playwright.sync_api import Page
-from test_player import CANVAS, EXACT, pixels_of, wait_for
+from test_player import CANVAS, EXACT, pixels_of
 
 import sender.__main__ as send_cli
 import sender.player as player_module

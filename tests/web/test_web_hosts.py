@@ -3,7 +3,6 @@
 import re
 import shutil
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -11,15 +10,14 @@ from http.server import ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
-from browser import QuietHandler, serve_folder, text_of
+from browser import QuietHandler, serve_folder, text_of, wait_for
 from conftest import OpenWindow
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Browser
 
 from web.__main__ import SiteHandler
 
 pytestmark = pytest.mark.slow
 
-PATIENCE_S = 60.0
 PAGES = {"": "Read a display", "index.html": "Read a display", "send": "Send from a display",
          "send.html": "Send from a display", "about.html": "How it works"}  # fmt: skip
 """Addresses of pages, and the titles of the pages."""
@@ -67,14 +65,6 @@ def host(handler: type[QuietHandler], folder: Path) -> Iterator[str]:
             yield f"http://127.0.0.1:{server.server_port}/"
         finally:
             server.shutdown()
-
-
-def wait_for(page: Page, script: str, patience: float = PATIENCE_S) -> None:
-    """Wait until a script gives something true; Playwright's own way is refused by the policy."""
-    deadline = time.monotonic() + patience
-    while not page.evaluate(script):
-        assert time.monotonic() < deadline, script
-        page.wait_for_timeout(50)
 
 
 def test_a_host_serves_every_page_again_and_offline(site: Path, browser: Browser) -> None:

@@ -5,7 +5,6 @@ import re
 import shutil
 import struct
 import tarfile
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,7 +13,7 @@ import av
 import cv2
 import numpy as np
 import pytest
-from browser import BROWSER_FLAGS, find_browser, serve_folder, text_of
+from browser import BROWSER_FLAGS, PATIENCE_S, find_browser, serve_folder, text_of, wait_for
 from pilot_films import TEXT, filmed, robust_film
 from web_films import limited, write_film, write_y4m
 
@@ -28,8 +27,6 @@ pytestmark = pytest.mark.slow
 CAMERA, ALLOWED = "--use-fake-device-for-media-stream", "--use-fake-ui-for-media-stream"
 FILMING = CAMERA, ALLOWED, "--use-file-for-fake-video-capture={}"
 """Flags: a simulated camera, which every page may use unasked, and which plays a film."""
-PATIENCE_S = 100.0
-"""Time, in seconds, that a loaded machine may take for what takes two."""
 
 
 @pytest.fixture(scope="module")
@@ -67,15 +64,6 @@ def open_page(browser, flags=(), worker=None, width=390, height=844, offline=Fal
         context.close()
         if flags:
             own.close()
-
-
-def wait_for(page, condition, patience=PATIENCE_S) -> None:
-    """Wait until a function is true; Playwright's own way is refused by the page's policy."""
-    deadline = time.monotonic() + patience
-    while not condition():
-        seen = {name: text_of(page, name) for name in ("status", "advice", "message", "details")}
-        assert time.monotonic() < deadline, seen
-        page.wait_for_timeout(50)
 
 
 # The page with a worker that answers as the test says

@@ -5,6 +5,7 @@ from math import lcm
 from pathlib import Path
 
 import numpy as np
+import pytest
 from pilot_films import robust_film
 
 from lab.films.pilot_search import (
