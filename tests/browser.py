@@ -45,9 +45,12 @@ class QuietHandler(SimpleHTTPRequestHandler):
 
 
 @contextmanager
-def serve_folder(folder: Path) -> Iterator[str]:
-    """Serve a folder to this machine alone; gives its address, which ends with a slash."""
-    handler = partial(QuietHandler, directory=folder)
+def serve_folder(folder: Path, kind: type[QuietHandler] = QuietHandler) -> Iterator[str]:
+    """Serve a folder to this machine alone, as a kind of host does; gives its address.
+
+    The address ends with a slash.
+    """
+    handler = partial(kind, directory=folder)
     with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         try:

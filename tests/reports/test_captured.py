@@ -213,7 +213,9 @@ def test_a_film_is_evaluated_and_goes_on_where_it_was_cut_off(
     tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kappa = PRESETS["robust"].kappa
-    settings = FilmSettings(preset="robust", kappa=kappa, n_bytes=40, coverage=(0.5, 0.6))
+    settings = FilmSettings(
+        preset="robust", kappa=kappa, n_bytes=40, coverage=(0.5, 0.6), size=(800, 450)
+    )
     filmed = film_message(Take(settings, "canon-lg", 10.0, 0, 0))
     frames = tmp_path / "film_10deg"
     for frame in through_codec(filmed.frames, settings.codec, settings.fps):

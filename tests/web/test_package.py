@@ -7,7 +7,6 @@ import json
 import os
 import re
 import sys
-import tarfile
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,6 +20,7 @@ from conftest import ROOT, Command, cases, run_process, slow
 from jsonschema import Draft202012Validator
 from pilot_films import CORNERS, filmed, texture
 from streams import write_film
+from test_npm import install_package
 
 import web.package.__main__ as package_cli
 from link.code.authenticate import sign
@@ -39,7 +39,6 @@ from web.package.api import (
     luma,
     read_pair,
 )
-from web.package.npm import write_npm_package
 from web.package.schema import events_schema, typescript_of
 from web.package.wheel import OWN, package_files, write_wheel
 
@@ -284,14 +283,7 @@ for (const event of [...events, ...(await receiver.finish())]) console.log(JSON.
 
 @pytest.mark.slow
 def test_javascript_of_the_docs_runs_without_the_checkout(elsewhere: Path, node: None) -> None:
-    packed = write_npm_package(elsewhere)
-    with tarfile.open(packed) as archive:
-        archive.extractall(elsewhere, filter="data")
-    modules = elsewhere / "node_modules"
-    modules.mkdir()
-    (elsewhere / "package").rename(modules / "oorc-receiver")
-    for name in ("@noble", "@types", "onnxruntime-web", "onnxruntime-common"):
-        (modules / name).symlink_to(WEB / "node_modules" / name)  # what npm would install
+    install_package(elsewhere)
     (elsewhere / "shown.mjs").write_text(next(code for language, code in SHOWN if language == "js"))
     assert TEXT in run_in(elsewhere, "node", "shown.mjs").splitlines()
     (elsewhere / "events.mts").write_text(EVENTS)

@@ -2,11 +2,6 @@
 
 import re
 import shutil
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
-from functools import partial
-from http.server import ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
@@ -56,21 +51,10 @@ class StrictHost(QuietHandler):
         super().end_headers()
 
 
-@contextmanager
-def host(handler: type[QuietHandler], folder: Path) -> Iterator[str]:
-    """Serve a folder as a host of one kind does; gives its address."""
-    with ThreadingHTTPServer(("127.0.0.1", 0), partial(handler, directory=folder)) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        try:
-            yield f"http://127.0.0.1:{server.server_port}/"
-        finally:
-            server.shutdown()
-
-
 def test_a_host_serves_every_page_again_and_offline(site: Path, browser: Browser) -> None:
     context = browser.new_context()
     page = context.new_page()
-    with host(CleanHost, site) as url:
+    with serve_folder(site, CleanHost) as url:
         page.goto(f"{url}send.html")
         page.evaluate("navigator.serviceWorker.ready.then(() => true)")
         for name, title in PAGES.items():
@@ -90,7 +74,7 @@ def test_programs_of_a_wrong_type_are_said_and_the_own_server_has_the_right_one(
     site: Path, open_window: OpenWindow
 ) -> None:
     page = open_window(390, 844)
-    with host(TextHost, site) as url:
+    with serve_folder(site, TextHost) as url:
         page.goto(url)
         assert not page.locator("#trouble").is_visible()  # perhaps it is merely slow
         page.wait_for_timeout(5000)
@@ -103,7 +87,7 @@ def test_a_policy_without_webassembly_is_said_in_plain_words(
     site: Path, open_window: OpenWindow
 ) -> None:
     page = open_window(390, 844)
-    with host(StrictHost, site) as url:
+    with serve_folder(site, StrictHost) as url:
         page.goto(f"{url}?film=demo.mkv")
         words = "document.getElementById('status').textContent.includes('server forbids')"
         wait_for(page, words, 5)

@@ -176,14 +176,10 @@ def test_a_link_can_be_opened_and_says_where_it_leads(browser, short_film) -> No
         assert "noopener" in link.get_attribute("rel")
 
 
-UNSEEN = {
-    "a bell\u0007": "cannot be seen or",
-    "\u05e9\u05dc\u05d5\u05dd": "",
-    "long " * 13_000: "",
-}
+UNSEEN = {"a bell\u0007": "cannot be seen or", "\u05e9\u05dc\u05d5\u05dd" + "long " * 13_000: ""}
 
 
-@pytest.mark.parametrize("text", UNSEEN, ids=["bell", "hebrew", "long"])
+@pytest.mark.parametrize("text", UNSEEN, ids=["bell", "long"])
 def test_what_cannot_be_seen_in_a_message_is_said(text, browser, short_film) -> None:
     with received(browser, short_film, text) as page:
         assert text_of(page, "message") == text
@@ -350,7 +346,7 @@ def reader(browser, address):
     """
     url, folder = address
     film = folder / "film.mp4"
-    write_film(film, toggling(b"Hello", 120))
+    write_film(film, toggling(b"Hello", 80))
     turn_upright(film)
     film.rename(folder / "coded")
     with open_page(browser, width=1280) as page:
@@ -416,7 +412,7 @@ def test_a_film_without_a_display_is_said_to_have_none(reader, tmp_path) -> None
     image = cv2.GaussianBlur(rng.uniform(0, 255, (480, 640)), (0, 0), 20)
     image = cv2.normalize(image, None, 60, 190, cv2.NORM_MINMAX)
     cv2.rectangle(image, (200, 120), (440, 330), 225.0, -1)
-    frames = [np.clip(image + rng.normal(0, 2, image.shape), 0, 255) for _ in range(90)]
+    frames = [np.clip(image + rng.normal(0, 2, image.shape), 0, 255) for _ in range(50)]
     write_film(tmp_path / "wall.mkv", [frame.astype(np.uint8) for frame in frames])
     reader.locator("#film").set_input_files(tmp_path / "wall.mkv")
     wait_for(reader, lambda: text_of(reader, "status") == "No display found in this film")
@@ -509,7 +505,7 @@ def test_only_messages_with_the_key_are_shown(reader, tmp_path) -> None:
     (tmp_path / "other").write_bytes(bytes(32))
     (tmp_path / "short").write_bytes(bytes(3))
     message = sign(b"Hi", bytes(range(32)), 7)
-    write_film(tmp_path / "film.mkv", toggling(message, 110, signed=True))
+    write_film(tmp_path / "film.mkv", toggling(message, 80, signed=True))
     reader.locator("summary").click()
     age = reader.get_by_label("largest age of a message")
     assert age.is_disabled()  # only a message with a key has an age
@@ -538,6 +534,3 @@ def test_only_messages_with_the_key_are_shown(reader, tmp_path) -> None:
     )
     wait_for(reader, lambda: reader.locator("#start").is_visible())  # the film has ended
     assert text_of(reader, "status") == "A stale message was refused"
-    age.fill("")
-    age.blur()
-    wait_for(reader, lambda: text_of(reader, "message") == "Hi")
