@@ -2,7 +2,8 @@
 
 import shutil
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -44,9 +45,12 @@ class QuietHandler(SimpleHTTPRequestHandler):
 
 
 @contextmanager
-def serve_folder(folder: Path) -> Iterator[str]:
-    """Serve a folder to this machine alone; gives its address, which ends with a slash."""
-    handler = partial(QuietHandler, directory=folder)
+def serve_folder(folder: Path, kind: type[QuietHandler] = QuietHandler) -> Iterator[str]:
+    """Serve a folder to this machine alone, as a kind of host does; gives its address.
+
+    The address ends with a slash.
+    """
+    handler = partial(kind, directory=folder)
     with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         try:
@@ -59,3 +63,20 @@ def text_of(page: "Page", name: str) -> str:
     """Text of the element of a page that has an id."""
     script = "name => document.getElementById(name).textContent"
     return str(page.evaluate(script, name))
+
+
+PATIENCE_S = 100.0
+"""Time, in seconds, that a loaded machine may take for what takes two."""
+
+
+def wait_for(
+    page: "Page", condition: Callable[[], object] | str, patience: float = PATIENCE_S
+) -> None:
+    """Wait until a function, or a script in the page, gives something true.
+
+    Playwright's own way is refused by the pages' policy.
+    """
+    deadline = time.monotonic() + patience
+    while not (page.evaluate(condition) if isinstance(condition, str) else condition()):
+        assert time.monotonic() < deadline, page.inner_text("body")
+        page.wait_for_timeout(20)

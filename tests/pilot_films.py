@@ -54,7 +54,6 @@ def filmed(
     message: NDArray[np.integer] | None = None,
     pan: float = 0.0,
     parallax: float = 0.0,
-    inset: Image | None = None,
 ) -> tuple[list[Image], Array]:
     """Frames of 640 x 480 of a display before a wall, a hand that moves a little, and its corners.
 
@@ -63,7 +62,7 @@ def filmed(
     for ``hold`` frames. The blocks of a pair show the next row of ``message``, (rows, n_bits), or
     random bits. From one pair to the next the picture moves right by ``pan`` pixels. The wall moves
     by the share ``parallax`` less than the display, as before a camera that moves sideways, and has
-    most of the clear points. An ``inset`` is a part of the picture, in its middle.
+    most of the clear points.
     """
     rng = np.random.default_rng(seed)
     wall = 60 + (40 * texture((480, 640), seed, 2) if parallax else 8 * texture((480, 640), seed))
@@ -76,9 +75,6 @@ def filmed(
             picture[60:90, x : x + 20] = picture[200:215, x : x + 30] = 1700
         for y in range(60, 460, 40):
             wall[y : y + 20, 560:600] = 2000
-    if inset is not None:
-        top, left = (np.array(picture.shape) - inset.shape) // 2
-        picture[top : top + inset.shape[0], left : left + inset.shape[1]] = inset
     H = homography_from_corners(CORNERS, layout.width, layout.height)
     images, corners = [], np.zeros((0, 4, 2))
     for number in range(frames):

@@ -96,9 +96,6 @@ DECODED_PX = 2e-3
 """Layout pixels between corners that were moved to where decoded blocks lie."""
 LENS_K = 3e-4
 """Absolute difference between coefficients of a lens, which are up to 0.15, that both settle on."""
-LENS_FOUND_K = 0.02
-"""Absolute difference between coefficients of a lens that both searches find, from frames that they
-rectify in their own ways; blocks of the film are large."""
 FOUND_PX = 0.3
 """Pixels between corners of a display that both searches find."""
 PROPOSED_PX = 4.0

@@ -121,9 +121,8 @@ def test_evaluate_decodes_captures_with_every_method(
     captures: Path, tmp_path: Path, command: Command
 ) -> None:
     out, shown = tmp_path / "out", tmp_path / "shown"
-    done = command(
-        evaluate.main, "--captures", captures, "--run", PRETRAINED, "--out", out, "--show", shown
-    )
+    run = ("--captures", captures, "--run", PRETRAINED, "--no-html", "--jobs", 1)
+    done = command(evaluate.main, *run, "--out", out, "--show", shown)
     rows = json.loads((out / "metrics.json").read_text())["rows"]
     assert sorted(row["method"] for row in rows) == sorted(OF_PAIRS)
     for row in rows:

@@ -258,6 +258,7 @@ import_module("sender.__main__").main()
 """
 
 
+@pytest.mark.slow
 def test_sender_and_receiver_lock_where_the_system_has_no_flock(tmp_path: Path) -> None:
     run_without(["fcntl"], SEND_WITHOUT_FLOCK, tmp_path, ROOT / "docs" / "ablation.png")
     assert [file.name for file in tmp_path.iterdir()] == ["x.html"]

@@ -88,6 +88,7 @@ def test_simulated_captures_carry_the_layout(tmp_path: Path, command: Command) -
     assert "| oorc |" in done.stdout
 
 
+@pytest.mark.slow
 def test_each_capture_is_decoded_by_the_checkpoint_for_its_layout(
     tmp_path: Path, command: Command
 ) -> None:
@@ -166,6 +167,7 @@ def test_captures_have_layouts_of_their_own(refuses: Refuses) -> None:
     refuses("evaluate", "--captures . --rows 12 --out run", said)
 
 
+@pytest.mark.slow
 def test_a_film_with_pilots_is_made_and_the_receiver_says_what_it_saw(
     pilots_model: Path, tmp_path: Path, command: Command
 ) -> None:

@@ -17,7 +17,7 @@ from data_gen.frame_pair import Source
 from export.parity import Parity
 from link.errors import InputError
 from link.layout import make_layout
-from models import OF_PAIRS, PRETRAINED
+from models import PRETRAINED
 from models.phi import checkpoint
 from models.phi.checkpoint import load_checkpoint
 from models.phi.config import FULL, DecoderConfig
@@ -25,6 +25,7 @@ from models.phi.decoder import START_LOG_TEMPERATURE, PhiDecoder
 from models.phi.refine import MOMENTS
 from models.phi.training import initial_decoder, training_step
 from reports.engine.digest import imported_modules
+from reports.evaluation.trained import FEW
 from train import TrainConfig
 
 LAYOUT = make_layout(4, 4, 192, 144, 2)
@@ -74,6 +75,7 @@ def test_training_again_into_the_same_folder_evaluates_the_new_decoder(
 ) -> None:
     """Without the export, which takes long, and the process that exports."""
     monkeypatch.setattr(final_evaluation, "export", lambda *_: Parity(1, 59, 0, 0.0, 1.0, 0.5))
+    monkeypatch.setattr(final_evaluation, "OF_PAIRS", FEW)
     monkeypatch.setattr(final_evaluation, "ProcessPoolExecutor", lambda *_: ThreadPoolExecutor(1))
     small = ["--episodes", "2", "--rounds", "1", "--steps", "1", "--batch", "2", "--jobs", "1"]
     small += ["--frames", "1", "--out", str(tmp_path)]
@@ -82,7 +84,7 @@ def test_training_again_into_the_same_folder_evaluates_the_new_decoder(
     config = json.loads((tmp_path / "config.json").read_text())
     assert (config["train"]["episodes"], config["train"]["batch"]) == (2, 2)
     assert load_checkpoint(tmp_path).layout == make_layout()
-    rows, methods = json.loads(metrics)["rows"], {*OF_PAIRS, "before"}  # before it was trained
+    rows, methods = json.loads(metrics)["rows"], {*FEW, "before"}  # before it was trained
     cells = product(methods, (3, 5), (0.0, 45.0))
     assert sorted((row["method"], row["kappa"], row["view_deg"]) for row in rows) == sorted(cells)
     assert np.isfinite([entry["loss"] for entry in read_log(tmp_path)]).all()

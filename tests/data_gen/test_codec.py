@@ -137,6 +137,7 @@ def test_key_frames_come_each_second(tmp_path: Path) -> None:
     assert keys == [0, 30, 60]
 
 
+@pytest.mark.slow
 def test_the_rate_is_kept_and_costs_quality(tmp_path: Path) -> None:
     frames = drifting(60, noise=6.0)
     found = []

@@ -55,14 +55,6 @@ def test_without_effects_the_capture_is_what_was_displayed(
     np.testing.assert_allclose(captured.corners, CORNERS, atol=FLOAT64)
 
 
-@pytest.mark.parametrize("name", PAIRS)
-def test_without_effects_every_pair_and_a_full_size_picture_come_through(name: str) -> None:
-    displayed = scene(make_layout(8, 8, 517, 389))
-    captured = film(only(name), displayed, 75.0)
-    assert np.array_equal(captured.original, displayed.original)
-    assert np.array_equal(captured.embedded, displayed.embedded)
-
-
 # One effect at a time
 
 

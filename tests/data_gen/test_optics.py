@@ -9,10 +9,8 @@ from data_gen.channel.optics import (
     CAPTURE_HEIGHT,
     CAPTURE_WIDTH,
     FILL,
-    MAX_VIEW_DEG,
     SURROUNDINGS,
     Pose,
-    check_view,
     draw_pose,
     image_of,
     project,
@@ -66,9 +64,7 @@ def pinhole(pose: Pose, points: Array, width: int, height: int) -> Array:
 
 @cases(
     Pose(0.0, 0.0, 0.0, 2.0),
-    Pose(45.0, 0.0, 0.0, 2.5),
     Pose(-45.0, 2.0, -2.0, 3.0),
-    Pose(30.0, -10.0, 5.0, 2.2),
     Pose(75.0, 1.5, 2.0, 2.0),
 )
 def test_project_agrees_with_explicit_pinhole_geometry(pose: Pose) -> None:
@@ -117,11 +113,6 @@ def test_a_picture_of_any_shape_lies_inside_the_image(
     corners = transform(H, frame_corners(width, height))
     assert np.all(corners > 0)
     assert np.all(corners < np.array(SIZE) - 1)
-
-
-@given(st.floats(-MAX_VIEW_DEG, MAX_VIEW_DEG))
-def test_views_in_range_are_passed_on(view: float) -> None:
-    assert check_view(view) == view
 
 
 def test_no_jitter_and_no_breathing_is_the_identity() -> None:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from data_gen.pairs import PAIRS
-from data_gen.parameters import IDENTITY, LINEAR, RGB, Limits, Matrix, Nuisance, Pair
+from data_gen.parameters import IDENTITY, RGB, Limits, Matrix, Nuisance, Pair
 from link.errors import InputError
 
 PAIR = PAIRS["canon-samsung"]
@@ -111,10 +111,6 @@ def test_both_ends_of_a_range_belong_to_it(ranged: Ranged, end: str) -> None:
 def test_a_colour_of_other_than_three_numbers_is_refused(field: str, length: int) -> None:
     ranged = next(r for r in RANGED if r.field == field)
     assert refused(ranged, (2.0,) * length)
-
-
-def test_the_straight_tone_curve_is_allowed() -> None:
-    assert replace(PAIR.camera, tone_curve=LINEAR).tone_curve == LINEAR
 
 
 # Nuisances by view

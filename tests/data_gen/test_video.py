@@ -166,11 +166,6 @@ def test_a_hand_moves_smoothly_and_not_far() -> None:
         assert 2 < np.median(speeds) < 40  # px/s
 
 
-def test_no_amount_of_hand_is_a_tripod() -> None:
-    hand = Hand((640, 480), 0.0, np.random.default_rng(0))
-    np.testing.assert_allclose(hand.step(0.1), np.eye(3), atol=FLOAT64)
-
-
 def test_wandering_has_deviation_one_at_the_start_and_later() -> None:
     walks = [Wander(500, np.random.default_rng(seed)) for seed in range(4)]
     early = np.concatenate([walk.step(1e-3) for walk in walks])

@@ -63,12 +63,12 @@ def shipped_model() -> bytes:
 
 @pytest.fixture(scope="module")
 def unseen(layout: Layout) -> list[Observation]:
-    """15 frame pairs of all nine pairs, a third at each size."""
+    """9 frame pairs of all nine pairs, a third at each size."""
     source = Source(layout, seed=UNSEEN_SEED)
     pairs = []
-    for index in range(15):
-        cell = Cell(list(PAIRS)[index % 9], 5.0 * (index % 12), 1 + index % 6)
-        width, height = SIZES[index // 5]
+    for index in range(9):
+        cell = Cell(list(PAIRS)[index], 5.0 * (index % 12), 1 + index % 6)
+        width, height = SIZES[index // 3]
         captured = FramePair(source, cell, index).captured
         pairs.append(replace(captured, layout=replace(layout, width=width, height=height)))
     return [captured.rectified() for captured in pairs]
@@ -81,22 +81,22 @@ def batch(frames: list[Image]) -> Image:
 # Parity
 
 
-@pytest.mark.parametrize("start", [0, 5, 10])
+@pytest.mark.parametrize("start", [0, 3, 6])
 def test_torch_and_onnxruntime_agree_on_a_batch(
     module: PhiDecoder, model: bytes, unseen: list[Observation], start: int
 ) -> None:
-    pairs = unseen[start : start + 5]
+    pairs = unseen[start : start + 3]
     original, embedded = batch([p.original for p in pairs]), batch([p.embedded for p in pairs])
     session = onnxruntime.InferenceSession(model, providers=["CPUExecutionProvider"])
     scores, head = session.run(["scores", "head"], {"original": original, "embedded": embedded})
     with torch.inference_mode():
         expected, expected_head = module(torch.from_numpy(original), torch.from_numpy(embedded))
-    assert scores.shape == (5, module.layout.n_bits)
+    assert scores.shape == (3, module.layout.n_bits)
     assert head.shape == expected_head.shape
     np.testing.assert_allclose(scores, expected.numpy(), rtol=0, atol=ONNX_SCORE)
     assert np.array_equal(scores > 0, expected.numpy() > 0)
-    alone = decode_with(module, pairs[3]).scores
-    np.testing.assert_allclose(scores[3], alone, rtol=0, atol=ONNX_SCORE)
+    alone = decode_with(module, pairs[2]).scores
+    np.testing.assert_allclose(scores[2], alone, rtol=0, atol=ONNX_SCORE)
 
 
 @pytest.mark.parametrize("level", [0, None], ids=["black", "picture"])
@@ -110,9 +110,9 @@ def test_torch_and_onnxruntime_agree_where_both_frames_are_the_same(
 
 
 def test_compare_reports_agreement(module: PhiDecoder, onnx_decoder: Decoder) -> None:
-    parity = compare_with_torch(module, onnx_decoder, frames=12, seed=UNSEEN_SEED)
+    parity = compare_with_torch(module, onnx_decoder, frames=6, seed=UNSEEN_SEED)
     assert parity.holds
-    assert (parity.frames, parity.bits) == (12, 12 * module.layout.n_bits)
+    assert (parity.frames, parity.bits) == (6, 6 * module.layout.n_bits)
     assert parity.different_bits == 0
     assert 0 <= parity.max_difference <= ONNX_SCORE
     assert parity.median_score < 0.9 * parity.largest_score  # most scores are not at their bound
@@ -393,6 +393,7 @@ def test_a_model_that_asks_for_12_gigabytes_is_refused(
         )
 
 
+@pytest.mark.slow
 def test_a_file_of_a_million_empty_graphs_is_refused_at_once() -> None:
     with pytest.raises(InputError, match="more than 500000 fields"):
         check_onnx_file(b"\x3a\x00" * 10**6)

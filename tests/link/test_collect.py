@@ -120,7 +120,8 @@ def disturbed(kind: str, loop: NDArray[np.integer], rng: np.random.Generator) ->
     return list(rows)
 
 
-@cases(("noise", 4, 0.04, 0.04), slow("a third is covered and looks certain", 4, 0.06, 0.15))
+@pytest.mark.slow
+@cases(("noise", 4, 0.04, 0.04), ("a third is covered and looks certain", 4, 0.06, 0.15))
 def test_disturbances_are_no_change(kind: str, every: int, starts: float, attempts: float) -> None:
     """Per frame: how often collecting began afresh for nothing, and how often it was decoded."""
     rng = np.random.default_rng(2)

@@ -187,6 +187,7 @@ def test_terms_of_short_messages_are_guessed_from_some_words(heard: str, enough:
     assert likely_terms(words, 730) is None
 
 
+@pytest.mark.slow
 def test_terms_are_guessed_where_words_are_unsure_and_not_from_noise_or_of_long_messages() -> None:
     rng = np.random.default_rng(3)
     found, read = {"short": 0, "long": 0, "noise": 0}, 0

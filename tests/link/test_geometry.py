@@ -122,12 +122,6 @@ def test_transform_divides_by_the_third_coordinate() -> None:
     np.testing.assert_allclose(transform(H, [[2, 4], [0, 1]]), [[2.5, 4], [3, 2]], atol=FLOAT64)
 
 
-def test_good_corners_come_back_as_float64() -> None:
-    found = check_corners(TILTED.tolist(), (160, 200, 3))
-    assert found.dtype == np.float64
-    np.testing.assert_array_equal(found, TILTED)
-
-
 def moved(corner: int, x: float, y: float) -> Array:
     corners = TILTED.copy()
     corners[corner] = x, y

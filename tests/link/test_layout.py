@@ -200,10 +200,6 @@ def test_block_mean_is_the_mean_over_each_block(data: st.DataObject) -> None:
     np.testing.assert_allclose(block_mean(maps, rows, cols), expected, rtol=0, atol=FLOAT64)
 
 
-def test_block_mean_keeps_the_dtype() -> None:
-    assert block_mean(np.ones((9, 9), np.float32), 2, 2).dtype == np.float32
-
-
 @pytest.mark.parametrize("cell", [(8, 0), (3, -1)])
 def test_a_patch_outside_the_grid_is_named(cell: tuple[int, int]) -> None:
     with pytest.raises(InputError, match=rf"\({cell[0]}, {cell[1]}\) lies outside the grid"):

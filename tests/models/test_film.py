@@ -162,6 +162,7 @@ def test_a_window_trains_every_learned_number():
         assert torch.isfinite(parameter.grad).all(), name
 
 
+@pytest.mark.slow
 def test_the_shipped_graph_is_the_shipped_checkpoint(decoder):
     parity = compare_films(decoder, FilmGraph(FILM_GRAPH, 1))
     assert parity.holds, parity

@@ -49,11 +49,11 @@ EVERY_CONFIG = [
 
 @pytest.fixture(scope="module")
 def pairs(layout: Layout) -> list[Observation]:
-    """Twenty simulated frame pairs, every camera and display among them."""
+    """Ten simulated frame pairs, every camera and display among them."""
     names = list(PAIRS)
     return [
         FramePair(Source(layout), Cell(names[k % 9], 3.0 * k, 1 + k % 8), k).rectified
-        for k in range(20)
+        for k in range(10)
     ]
 
 
@@ -189,10 +189,10 @@ def test_fit_head_reaches_scikit_learns_objective_on_simulated_frames(
     module = PhiDecoder(layout, DecoderConfig(drift_degree=2, train_on=train_on))
     original, embedded = batch(pairs)
     ratex = module.summarise(original, embedded)[0].numpy()
-    assert ratex.shape == (20, 2880 if train_on == "pixel" else 80, 6)
+    assert ratex.shape == (10, 2880 if train_on == "pixel" else 80, 6)
     for k, u in enumerate(ratex):
         X = np.column_stack([u / np.sqrt((u**2).mean(axis=0)), np.ones(len(u))])
-        gap = objective_gap(X, module.labels.numpy(), 10 ** (-2 + 5 * k / 19))
+        gap = objective_gap(X, module.labels.numpy(), 10 ** (-2 + 5 * k / 9))
         assert abs(gap) < SVM_OBJECTIVE_GAP
 
 

@@ -70,9 +70,7 @@ def test_the_toggle_is_kappa_between_the_frames_and_blind_to_exposure() -> None:
 @cases(
     (30, 10.07, (0.0, 0.015)),
     (30, 15.1, (0.004, -0.012)),
-    (60, 29.8, (0.0, 0.0)),
     (60, 15.0, (0.012, 0.0)),
-    (30, 24.1, (-0.02, 0.01)),
 )
 def test_the_clock_is_found_in_noisy_toggles(
     fps: float, state_hz: float, delays: tuple[float, float]
@@ -90,6 +88,7 @@ def test_the_clock_is_found_in_noisy_toggles(
     assert abs(error) < 0.2
 
 
+@pytest.mark.slow
 def test_states_keep_their_numbers_for_a_minute() -> None:
     rng = np.random.default_rng(2)
     true = DisplayClock(1 / 15.1, 0.123, 0.002, 0.01, 0.016)
@@ -163,7 +162,7 @@ def offset(clock: DisplayClock | None, time: float) -> float:
     return seen - TRUE.number(time + TRUE.centre)
 
 
-@pytest.mark.parametrize("state_hz", [2.1, 14.93, slow(1.1), slow(10.07), slow(24.1)])
+@pytest.mark.parametrize("state_hz", [2.1, 14.93, slow(24.1)])
 def test_a_weak_clock_is_found_beside_drift_and_unequal_noise_that_lasts(state_hz: float) -> None:
     """A clock that explains a tenth to a third of the variance, as on compressed films."""
     rng = np.random.default_rng(8)
@@ -272,19 +271,6 @@ def test_a_clock_that_nothing_confirms_ends_and_the_next_is_a_new_run() -> None:
     assert 5 + HOLD_S <= min(without) <= 5 + HOLD_S + WINDOW_S
     assert sync.clock is not None
     assert sync.slips == 2
-
-
-@pytest.mark.slow
-def test_a_display_that_starts_anew_is_a_new_run() -> None:
-    """Its clock jumps by 1.1 states, which no weak spell explains."""
-    rng = np.random.default_rng(13)
-    times = np.arange(14 * 30) / 30
-    late = replace(TRUE, start=TRUE.start + 1.1 * TRUE.period)
-    before, after = (toggles_of(clock, times, rng, 3.0, 0.4) for clock in (TRUE, late))
-    sync = Synchroniser(30, PATCHES)
-    clocks = listen(sync, times, np.where(times[:, None] < 7, before, after))
-    assert 2 <= sync.slips <= 3  # windows that hold some of both may fit a clock between them
-    assert abs((offset(clocks[-1], times[-1]) + 1.1 + 1) % 2 - 1) < 0.1
 
 
 def test_the_strongest_toggling_is_kept_where_no_clock_is_found() -> None:

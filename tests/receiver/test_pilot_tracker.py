@@ -1,12 +1,10 @@
 """A display with pilots is found, followed, moved, lost and found again; odd frames do no harm."""
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
-from conftest import exhaustive, slow
 from pilot_films import FINE, OTHER, BlockMeans, filmed, moving_picture
 
 from link.presets import PRESETS
@@ -61,13 +59,12 @@ def test_a_display_is_found_and_followed() -> None:
     assert np.median(farthest) < CLOSE_PX
 
 
-@pytest.mark.parametrize("colours", [exhaustive(False), slow(True)])
+@pytest.mark.slow
 def test_a_display_that_is_found_is_shown_in_the_frames_before(
-    film: tuple[list[Image], Array], colours: bool
+    film: tuple[list[Image], Array],
 ) -> None:
     images, corners = film
-    if colours:
-        images = [cv2.cvtColor(image, cv2.COLOR_GRAY2RGB) for image in images]
+    images = [cv2.cvtColor(image, cv2.COLOR_GRAY2RGB) for image in images]
     tracker = PilotTracker([OTHER, FINE], FPS)
     number, tracked = next(
         (number, tracked)
@@ -113,37 +110,6 @@ def test_of_two_motions_that_of_the_points_that_lie_farther_apart_is_chosen() ->
         H = stabiliser.follow(moving_picture(6))
         middle = H @ [320.0, 320.0, 1.0]
         assert middle[0] / middle[2] - 320 == pytest.approx(moved, abs=0.3)
-
-
-@pytest.mark.exhaustive
-def test_a_display_is_moved_within_its_rectified_image(film: Film) -> None:
-    images, _ = film
-    plain, moved = PilotTracker([FINE], FPS), PilotTracker([FINE], FPS)
-    first = found_in(plain.follow, images)
-    assert first is not None
-    placement = None
-    for number, image in enumerate(images[: first + 1]):
-        seen = moved.follow(image, number / FPS)
-        placement = seen and seen.placement
-    assert placement is not None
-    H = np.eye(3)
-    H[:2, 2] = 7.0, -5.0
-    placement.shift.placement = replace(placement, H_followed_from_shown=H)
-    for number in (first + 1, first + 2):
-        here, there = (tracker.follow(images[number], number / FPS) for tracker in (plain, moved))
-        assert here is not None and there is not None
-        view = cv2.warpPerspective(here.rectified, H, here.rectified.shape[::-1], flags=17)
-        inner = np.s_[20:-20, 20:-20]
-        difference = np.abs(view[inner].astype(float) - there.rectified[inner])
-        assert difference.mean() < 1.0
-        still = np.abs(here.rectified[inner].astype(float) - there.rectified[inner])
-        assert difference.mean() < 0.3 * still.mean()
-    placement.shift.placement = placement
-    here, there = (
-        tracker.follow(images[first + 3], (first + 3) / FPS) for tracker in (plain, moved)
-    )
-    assert here is not None and there is not None
-    assert np.abs(here.corners - there.corners).max() < 1e-3
 
 
 @pytest.mark.slow

@@ -219,7 +219,9 @@ def test_a_film_is_evaluated_and_goes_on_where_it_was_cut_off(
     tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kappa = PRESETS["robust"].kappa
-    settings = FilmSettings(preset="robust", kappa=kappa, n_bytes=40, coverage=(0.5, 0.6))
+    settings = FilmSettings(
+        preset="robust", kappa=kappa, n_bytes=40, coverage=(0.5, 0.6), size=(800, 450)
+    )
     filmed = film_message(Take(settings, "canon-lg", 10.0, 0, 0))
     frames = tmp_path / "film_10deg"
     for frame in through_codec(filmed.frames, settings.codec, settings.fps):
@@ -251,6 +253,7 @@ def test_a_film_is_evaluated_and_goes_on_where_it_was_cut_off(
     assert "does not show what --sent holds" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_bench_says_what_each_part_shows(tmp_path: Path, command: Command) -> None:
     command(send.main, "--bench", "--out", tmp_path / "bench.html")
     parts = {part.part: part for part in read_sent(tmp_path / "bench.html")}

@@ -280,6 +280,7 @@ def test_what_is_run_decides(name: str, text: str, checkout: Path) -> None:
     assert code_digest("models.decoder", root=checkout) != digest_after(checkout, name, text)
 
 
+@pytest.mark.slow
 def test_a_decoder_runs_on_what_it_imports_and_not_on_the_player() -> None:
     modules = imported_modules(["data_gen.frame_pair", "models.phi.methods"])
     assert {"models.phi.solver", "link.ratex", "data_gen.parameters"} <= set(modules)

@@ -103,6 +103,7 @@ def test_the_report_is_printed_and_kept(evaluated: Path) -> None:
     assert "simulated" in tables
 
 
+@pytest.mark.slow
 def test_a_run_that_was_cut_off_goes_on_to_the_same_bytes(
     tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -427,6 +428,7 @@ def test_small_and_gray_frames_are_annotated_large_and_in_colour() -> None:
     assert np.all(picture[:, :512] == 100)
 
 
+@pytest.mark.slow
 def test_runs_without_a_page_are_compared_and_shown_later(
     evaluated: Path, tmp_path: Path, command: Command
 ) -> None:

@@ -64,6 +64,7 @@ def test_the_worst_captures_are_drawn_and_unknown_bits_are_not_counted(tmp_path:
         assert all((tmp_path / file).is_file() for story in stories for file, _ in story.pictures)
 
 
+@pytest.mark.slow
 def test_the_true_response_rises_and_lies_in_its_band(layout: Layout) -> None:
     pair = FramePair(Source(layout), Cell("canon-lg", 45.0, 5), 0)
     found = measure_response(pair, [Method("naive"), Method("two_step"), Method("blind")])

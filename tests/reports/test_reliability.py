@@ -68,6 +68,7 @@ def test_unknown_bits_are_passed_over() -> None:
         known_scores(to_records([line([1.0], [-1])]), "full")
 
 
+@pytest.mark.slow
 def test_tables_and_figure_show_every_method_and_condition(tmp_path: Path) -> None:
     lines = [line([1.0, 4.0], [1, 1], "paper"), line([-0.5], [1], "jpeg")]
     curves = reliability_curves(to_records(lines), ["full"])

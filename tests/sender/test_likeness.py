@@ -20,6 +20,7 @@ def test_a_step_in_lightness_is_what_the_formula_says() -> None:
     assert high == pytest.approx(mean)
 
 
+@pytest.mark.slow
 def test_large_pictures_are_sampled_over_all_places_of_the_dither() -> None:
     """A chessboard of pixels that are one level off differs by half of what all pixels would."""
     picture = np.full((2002, 2002, 3), 100, np.uint8)

@@ -12,6 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from browser import PATIENCE_S, wait_for
 from conftest import OpenWindow, cases
 from numpy.typing import NDArray
 from playwright.sync_api import Page
@@ -25,7 +26,6 @@ from sender.compact import Compact
 from sender.player import write_player
 
 MESSAGE = b"Hi"
-PATIENCE_S = 60.0
 
 
 def make_loop(layout: Layout, kappa: int, *pictures: Image, **more: Any) -> Loop:
@@ -48,14 +48,6 @@ def player(small: Loop, tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("player") / "player.html"
     write_player(file, small, 15)
     return file
-
-
-def wait_for(page: Page, condition: str) -> None:
-    """Wait until an expression is true; Playwright's own way is refused by the page's policy."""
-    deadline = time.monotonic() + PATIENCE_S
-    while not page.evaluate(condition):
-        assert time.monotonic() < deadline, f"never came true: {condition}"
-        time.sleep(0.02)
 
 
 def load(page: Page, player: Path) -> None:
@@ -168,6 +160,7 @@ def ramp(height: int, width: int) -> Image:
 
 
 EXACT: dict[str, tuple[int, dict[str, Any], dict[str, Any]]] = {
+    "on_off, ratex": (5, {"ratex": 5}, {}),
     "antipodal, ratex, odd": (5, {"ratex": 2, "modulation": "antipodal"}, {}),
     "antipodal, pilots, most": (64, {"pilots": 4, "modulation": "antipodal"}, {}),
     "antipodal, ratex, even": (5, {"ratex": 2, "modulation": "antipodal"}, {"even": True}),

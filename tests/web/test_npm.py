@@ -23,10 +23,8 @@ ORT = WEB / "node_modules" / "onnxruntime-web" / "dist"
 """Where onnxruntime's files lie, which an application serves."""
 
 
-@pytest.fixture(scope="module")
-def package(node: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of an application that has installed the package."""
-    folder = tmp_path_factory.mktemp("npm")
+def install_package(folder: Path) -> Path:
+    """Install the package in the folder of an application."""
     with tarfile.open(write_npm_package(folder)) as archive:
         archive.extractall(folder, filter="data")
     modules = folder / "node_modules"
@@ -35,6 +33,11 @@ def package(node: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in NEEDED:
         (modules / name).symlink_to(WEB / "node_modules" / name)
     return folder
+
+
+@pytest.fixture(scope="module")
+def package(node: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return install_package(tmp_path_factory.mktemp("npm"))
 
 
 REFUSED = """

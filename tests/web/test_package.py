@@ -7,7 +7,6 @@ import json
 import os
 import re
 import sys
-import tarfile
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,12 +16,12 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import ROOT, Command, cases, exhaustive, run_process, slow
+from conftest import ROOT, Command, cases, run_process, slow
 from jsonschema import Draft202012Validator
 from pilot_films import CORNERS, filmed, texture
 from streams import write_film
+from test_npm import install_package
 
-import receiver.__main__ as receive_cli
 import web.package.__main__ as package_cli
 from link.code.authenticate import sign
 from link.code.framing import encode
@@ -40,7 +39,6 @@ from web.package.api import (
     luma,
     read_pair,
 )
-from web.package.npm import write_npm_package
 from web.package.schema import events_schema, typescript_of
 from web.package.wheel import OWN, package_files, write_wheel
 
@@ -138,7 +136,7 @@ def finished() -> None:
 
 
 @cases(
-    *[(lambda fps=fps: Receiver(fps), "argument", "fps") for fps in (0, np.nan, None, "30", True)],
+    *[(lambda fps=fps: Receiver(fps), "argument", "fps") for fps in (0, np.nan, "30")],
     *[(lambda key=key: Receiver(30, key=key), "argument", "bytes") for key in ("k" * 20, b"k")],
     *[
         (lambda age=age: Receiver(30, key=KEY, max_age_s=age), "argument", "max_age")
@@ -152,12 +150,9 @@ def finished() -> None:
     (lambda: Receiver(30, models=[__file__]), "model", "not a readable ONNX model"),
     *[
         (lambda frame=frame: pushed(0, frame=frame), "frame", "frames must be")
-        for frame in (GRAY[:4, :4], GRAY / 255.0, GRAY > 9, None, "x.png", [[1, 2], [3, 4]])
+        for frame in (GRAY[:4, :4], GRAY / 255.0, "x.png")
     ],
-    *[
-        (lambda time=time: pushed(time), "time", "finite number")
-        for time in (np.nan, np.inf, None, "0", 1j, np.array([1.0]), 10**400)
-    ],
+    *[(lambda time=time: pushed(time), "time", "finite number") for time in (np.nan, "0", 10**400)],
     (lambda: pushed(1, 0.5), "time", "must rise"),
     (lambda: pushed(0, 33.3, 66.7, 100), "time", "33.3 s apart.*not milliseconds"),
     (finished, "finished", "make a new one"),
@@ -209,41 +204,18 @@ def test_states_of_the_package_are_read_beside_a_camera_that_never_waits() -> No
         reader.push(states[0], 2)
 
 
-@cases(exhaustive(None), slow(KEY), exhaustive(bytes(32)), ids=["no key", "key", "wrong key"])
-def test_events_of_films_fit_the_schema(key: bytes | None) -> None:
-    receiver = Receiver(30, models=["robust"], key=key, scores=True)
+@pytest.mark.slow
+def test_events_of_films_fit_the_schema() -> None:
+    receiver = Receiver(30, models=["robust"], key=KEY, scores=True)
     events = []
     for number, image in enumerate(film(sign(b"hi", KEY, 7), signed=True)):
         events += receiver.push(image, number / 30)
     events += receiver.finish()
     for event in events:
         check_event(event)
-    taken = next(event for event in events if event["event"] in ("message", "refused"))
-    known = {
-        "no key": ("signed", "not checked"),
-        "key": ("stamp", 7),
-        "wrong key": ("stale", False),
-    }
-    name, value = known["no key" if key is None else "key" if key == KEY else "wrong key"]
-    assert taken[name] == value  # type: ignore[literal-required]
+    taken = next(event for event in events if event["event"] == "message")
+    assert taken["stamp"] == 7
     assert events[-1]["event"] == "end"
-    assert ("refused" in receiver.explanation) == (taken["event"] == "refused")
-
-
-@pytest.mark.exhaustive
-def test_what_the_command_prints_of_two_images_fits_the_schema(
-    tmp_path: Path, command: Command
-) -> None:
-    frames = film()[0], film()[2]
-    for name, frame in zip("ab", frames, strict=True):
-        write_image(tmp_path / f"{name}.png", np.dstack([frame] * 3))
-    printed = command(receive_cli.main, tmp_path / "a.png", tmp_path / "b.png").stdout
-    lines = [json.loads(line) for line in printed.splitlines()]
-    for line in lines:
-        check_event(line)
-    assert read_pair(*frames)["bits"] == lines[-1]["bits"]
-    places = {"corners": lines[0]["corners"], "corners_second": lines[1]["corners"]}
-    assert read_pair(*frames, model="robust", **places)["bits"] == lines[-1]["bits"]
 
 
 # Fresh environments, in which docs/embed.md is tried
@@ -311,14 +283,7 @@ for (const event of [...events, ...(await receiver.finish())]) console.log(JSON.
 
 @pytest.mark.slow
 def test_javascript_of_the_docs_runs_without_the_checkout(elsewhere: Path, node: None) -> None:
-    packed = write_npm_package(elsewhere)
-    with tarfile.open(packed) as archive:
-        archive.extractall(elsewhere, filter="data")
-    modules = elsewhere / "node_modules"
-    modules.mkdir()
-    (elsewhere / "package").rename(modules / "oorc-receiver")
-    for name in ("@noble", "@types", "onnxruntime-web", "onnxruntime-common"):
-        (modules / name).symlink_to(WEB / "node_modules" / name)  # what npm would install
+    install_package(elsewhere)
     (elsewhere / "shown.mjs").write_text(next(code for language, code in SHOWN if language == "js"))
     assert TEXT in run_in(elsewhere, "node", "shown.mjs").splitlines()
     (elsewhere / "events.mts").write_text(EVENTS)

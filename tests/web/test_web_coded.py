@@ -14,7 +14,6 @@ from tolerances import (
     FLOAT32_SUM,
     FLOAT64,
     PILOT_CHANGE,
-    PILOTS_FOUND_PX,
     SAME_STEPS,
 )
 
@@ -29,7 +28,6 @@ from models import FILM_GRAPH, PRETRAINED_PILOTS
 from receiver.pilots.code import CodeSearch, clocks_tried
 from receiver.pilots.search.all_blocks import block_maps
 from receiver.pilots.search.parts import COARSE_SIZE, rough_series, shifted_togglings
-from receiver.pilots.search.pilot_search import PilotSearch
 from receiver.pilots.toggling import CodedToggling, find_toggling, over_deviation
 from receiver.receiver import Receiver
 
@@ -38,9 +36,6 @@ LAYOUT = replace(PRESETS["robust"].layout, code=CODE)
 """A grid that small films show well and a shipped graph reads, with the code of `hidden`."""
 GRAPH = PRETRAINED_PILOTS / "24x32.onnx"
 FPS = 30.0
-LATER, NO_EDGES_LATER = 16, 30
-"""Largest number of frames by which the page may find a display later than Python: of a slow camera
-each frame is a frame pair of its own, and the page spreads work over frames."""
 BITS_ALIKE = 0.97
 """Share of bits in which frame pairs must be like those that Python has decoded."""
 
@@ -159,32 +154,6 @@ def test_clocks_are_tried_at_shifts_of_a_display(port: Port) -> None:
         assert one.clock.period == other.clock.period == 0.5
         apart = [each.number(12.0) - clock.number(12.0) for each in (one.clock, other.clock)]
         assert np.abs((np.array(apart) + 63) % 126 - 63).max() <= 1
-
-
-def first_found(search, images):
-    """The number of the frame in which a search finds a display, and the display."""
-    for number, image in enumerate(images):
-        found = search.push(image, number / FPS)
-        if found is not None:
-            return number, found
-    raise AssertionError("the display is not found")
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("dark", [False, True], ids=["edges", "no edges"])
-def test_a_coded_film_is_found_with_its_clock(dark: bool, port: Port) -> None:
-    """A camera of half the display's rate takes one frame of each frame pair."""
-    images, truth = filmed(LAYOUT, 160, seed=4, hold=1, dark=dark)
-    images, truth = images[::2], truth[::2]
-    known_frame, known = first_found(PilotSearch([LAYOUT], FPS), images)
-    search = port("receiver/pilots/search/pilotSearch.js").PilotSearch([LAYOUT], FPS)
-    frame, found = first_found(search, images)
-    assert frame <= known_frame + (NO_EDGES_LATER if dark else LATER)
-    assert np.abs(found.corners - truth[frame]).max() <= PILOTS_FOUND_PX
-    for clock in (known.clock, found.clock):
-        assert 1 / clock.period == pytest.approx(2 * FPS, rel=0.01)
-        off = (clock.number(frame / FPS) - 2 * frame) % (2 * CODE.period)
-        assert min(off, 2 * CODE.period - off) < 1, "another moment of the code"
 
 
 @pytest.mark.slow

@@ -3,7 +3,7 @@
 from dataclasses import astuple
 
 import numpy as np
-from conftest import cases, exhaustive, slow
+import pytest
 from port import same
 from streams import seen_frame
 from tolerances import FILM_SCORE, FLOAT32_SUM
@@ -46,9 +46,9 @@ class Counting(FilmGraph):
         return super().decode(observation)
 
 
-@cases(exhaustive(0.0), slow(20.0))
-def test_windows_are_read_as_by_python(gap_s, port):
-    shown, clock = film_of(gap_s=gap_s)
+@pytest.mark.slow
+def test_windows_are_read_as_by_python(port):
+    shown, clock = film_of(gap_s=20.0)
     decoder = Counting(FILM_GRAPH, 1)
     seen = SeenFrames()
     reader = FilmReader(LAYOUT, decoder, seen, 30, StageTimes())

@@ -2,24 +2,17 @@
 
 import re
 import shutil
-import threading
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from functools import partial
-from http.server import ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
-from browser import QuietHandler, serve_folder, text_of
-from conftest import OpenWindow, cases, exhaustive
-from playwright.sync_api import Browser, Page
+from browser import QuietHandler, serve_folder, text_of, wait_for
+from conftest import OpenWindow
+from playwright.sync_api import Browser
 
 from web.__main__ import SiteHandler
 
 pytestmark = pytest.mark.slow
 
-PATIENCE_S = 60.0
 PAGES = {"": "Read a display", "index.html": "Read a display", "send": "Send from a display",
          "send.html": "Send from a display", "about.html": "How it works"}  # fmt: skip
 """Addresses of pages, and the titles of the pages."""
@@ -58,32 +51,10 @@ class StrictHost(QuietHandler):
         super().end_headers()
 
 
-@contextmanager
-def host(handler: type[QuietHandler], folder: Path) -> Iterator[str]:
-    """Serve a folder as a host of one kind does; gives its address."""
-    with ThreadingHTTPServer(("127.0.0.1", 0), partial(handler, directory=folder)) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        try:
-            yield f"http://127.0.0.1:{server.server_port}/"
-        finally:
-            server.shutdown()
-
-
-def wait_for(page: Page, script: str, patience: float = PATIENCE_S) -> None:
-    """Wait until a script gives something true; Playwright's own way is refused by the policy."""
-    deadline = time.monotonic() + patience
-    while not page.evaluate(script):
-        assert time.monotonic() < deadline, script
-        page.wait_for_timeout(50)
-
-
-@cases(exhaustive(QuietHandler), CleanHost)
-def test_a_host_serves_every_page_again_and_offline(
-    kind: type[QuietHandler], site: Path, browser: Browser
-) -> None:
+def test_a_host_serves_every_page_again_and_offline(site: Path, browser: Browser) -> None:
     context = browser.new_context()
     page = context.new_page()
-    with host(kind, site) as url:
+    with serve_folder(site, CleanHost) as url:
         page.goto(f"{url}send.html")
         page.evaluate("navigator.serviceWorker.ready.then(() => true)")
         for name, title in PAGES.items():
@@ -103,7 +74,7 @@ def test_programs_of_a_wrong_type_are_said_and_the_own_server_has_the_right_one(
     site: Path, open_window: OpenWindow
 ) -> None:
     page = open_window(390, 844)
-    with host(TextHost, site) as url:
+    with serve_folder(site, TextHost) as url:
         page.goto(url)
         assert not page.locator("#trouble").is_visible()  # perhaps it is merely slow
         page.wait_for_timeout(5000)
@@ -116,7 +87,7 @@ def test_a_policy_without_webassembly_is_said_in_plain_words(
     site: Path, open_window: OpenWindow
 ) -> None:
     page = open_window(390, 844)
-    with host(StrictHost, site) as url:
+    with serve_folder(site, StrictHost) as url:
         page.goto(f"{url}?film=demo.mkv")
         words = "document.getElementById('status').textContent.includes('server forbids')"
         wait_for(page, words, 5)

@@ -5,7 +5,6 @@ import re
 import shutil
 import struct
 import tarfile
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,8 +13,7 @@ import av
 import cv2
 import numpy as np
 import pytest
-from browser import BROWSER_FLAGS, find_browser, serve_folder, text_of
-from conftest import cases, exhaustive
+from browser import BROWSER_FLAGS, PATIENCE_S, find_browser, serve_folder, text_of, wait_for
 from pilot_films import TEXT, filmed, robust_film
 from web_films import limited, write_film, write_y4m
 
@@ -29,8 +27,6 @@ pytestmark = pytest.mark.slow
 CAMERA, ALLOWED = "--use-fake-device-for-media-stream", "--use-fake-ui-for-media-stream"
 FILMING = CAMERA, ALLOWED, "--use-file-for-fake-video-capture={}"
 """Flags: a simulated camera, which every page may use unasked, and which plays a film."""
-PATIENCE_S = 100.0
-"""Time, in seconds, that a loaded machine may take for what takes two."""
 
 
 @pytest.fixture(scope="module")
@@ -68,15 +64,6 @@ def open_page(browser, flags=(), worker=None, width=390, height=844, offline=Fal
         context.close()
         if flags:
             own.close()
-
-
-def wait_for(page, condition, patience=PATIENCE_S) -> None:
-    """Wait until a function is true; Playwright's own way is refused by the page's policy."""
-    deadline = time.monotonic() + patience
-    while not condition():
-        seen = {name: text_of(page, name) for name in ("status", "advice", "message", "details")}
-        assert time.monotonic() < deadline, seen
-        page.wait_for_timeout(50)
 
 
 # The page with a worker that answers as the test says
@@ -189,14 +176,10 @@ def test_a_link_can_be_opened_and_says_where_it_leads(browser, short_film) -> No
         assert "noopener" in link.get_attribute("rel")
 
 
-UNSEEN = {
-    "a bell\u0007": "cannot be seen or",
-    "\u05e9\u05dc\u05d5\u05dd": "",
-    "long " * 13_000: "",
-}
+UNSEEN = {"a bell\u0007": "cannot be seen or", "\u05e9\u05dc\u05d5\u05dd" + "long " * 13_000: ""}
 
 
-@pytest.mark.parametrize("text", UNSEEN, ids=["bell", "hebrew", "long"])
+@pytest.mark.parametrize("text", UNSEEN, ids=["bell", "long"])
 def test_what_cannot_be_seen_in_a_message_is_said(text, browser, short_film) -> None:
     with received(browser, short_film, text) as page:
         assert text_of(page, "message") == text
@@ -268,11 +251,10 @@ def noise(count: int) -> np.ndarray:
     return np.random.default_rng(3).integers(0, 256, (count, 120, 160), np.uint8)
 
 
-@cases("mp4", exhaustive("webm"))
-def test_every_frame_of_a_film_is_read(kind, browser, address) -> None:
-    write_film(address[1] / f"noise.{kind}", noise(45))
+def test_every_frame_of_a_film_is_read(browser, address) -> None:
+    write_film(address[1] / "noise.mp4", noise(45))
     with open_page(browser, worker=answering({})) as page:
-        page.goto(f"{address[0]}?film=noise.{kind}")
+        page.goto(f"{address[0]}?film=noise.mp4")
         wait_for(page, lambda: text_of(page, "status") == "No display found in this film")
         assert "45 frames read, 0 skipped" in text_of(page, "details")
 
@@ -364,7 +346,7 @@ def reader(browser, address):
     """
     url, folder = address
     film = folder / "film.mp4"
-    write_film(film, toggling(b"Hello", 120))
+    write_film(film, toggling(b"Hello", 80))
     turn_upright(film)
     film.rename(folder / "coded")
     with open_page(browser, width=1280) as page:
@@ -430,22 +412,13 @@ def test_a_film_without_a_display_is_said_to_have_none(reader, tmp_path) -> None
     image = cv2.GaussianBlur(rng.uniform(0, 255, (480, 640)), (0, 0), 20)
     image = cv2.normalize(image, None, 60, 190, cv2.NORM_MINMAX)
     cv2.rectangle(image, (200, 120), (440, 330), 225.0, -1)
-    frames = [np.clip(image + rng.normal(0, 2, image.shape), 0, 255) for _ in range(90)]
+    frames = [np.clip(image + rng.normal(0, 2, image.shape), 0, 255) for _ in range(50)]
     write_film(tmp_path / "wall.mkv", [frame.astype(np.uint8) for frame in frames])
     reader.locator("#film").set_input_files(tmp_path / "wall.mkv")
     wait_for(reader, lambda: text_of(reader, "status") == "No display found in this film")
     assert "Fit the whole display into the frame" in text_of(reader, "advice")
     assert "mirrored" in text_of(reader, "advice")
     assert text_of(reader, "message") == ""
-
-
-@pytest.mark.exhaustive
-def test_a_camera_that_sees_no_display_keeps_looking(browser, address) -> None:
-    with open_page(browser, [CAMERA, ALLOWED], worker=answering({})) as page:
-        page.goto(address[0])
-        wait_for(page, lambda: text_of(page, "status") == "Looking for the display")
-        wait_for(page, lambda: "Fit the whole display" in text_of(page, "advice"))
-        assert text_of(page, "status") == "Looking for the display"
 
 
 ODD_CAMERA = """
@@ -532,7 +505,7 @@ def test_only_messages_with_the_key_are_shown(reader, tmp_path) -> None:
     (tmp_path / "other").write_bytes(bytes(32))
     (tmp_path / "short").write_bytes(bytes(3))
     message = sign(b"Hi", bytes(range(32)), 7)
-    write_film(tmp_path / "film.mkv", toggling(message, 110, signed=True))
+    write_film(tmp_path / "film.mkv", toggling(message, 80, signed=True))
     reader.locator("summary").click()
     age = reader.get_by_label("largest age of a message")
     assert age.is_disabled()  # only a message with a key has an age
@@ -561,6 +534,3 @@ def test_only_messages_with_the_key_are_shown(reader, tmp_path) -> None:
     )
     wait_for(reader, lambda: reader.locator("#start").is_visible())  # the film has ended
     assert text_of(reader, "status") == "A stale message was refused"
-    age.fill("")
-    age.blur()
-    wait_for(reader, lambda: text_of(reader, "message") == "Hi")

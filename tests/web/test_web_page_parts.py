@@ -66,6 +66,7 @@ def test_the_page_has_no_script_or_style_in_its_text(name):
     assert not re.search(r"innerHTML|outerHTML|insertAdjacentHTML|document\.write", scripts)
 
 
+@pytest.mark.slow
 def test_the_page_gets_the_film_graph_and_every_layout_that_it_reads(tmp_path):
     site.write_inputs(tmp_path)
     tables = json.loads((tmp_path / site.MARK).read_text())
@@ -108,6 +109,7 @@ def test_a_site_to_which_somebody_added_a_file_is_not_replaced(tmp_path, monkeyp
 
 
 def test_without_node_one_line_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setattr(site, "write_inputs", lambda out: None)
     monkeypatch.setattr(site.shutil, "which", lambda _: None)
     with pytest.raises(InputError, match=r"not found; install Node\.js 20 or newer"):
         site.build_site(tmp_path / "site")

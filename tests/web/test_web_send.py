@@ -5,9 +5,8 @@ import io
 import json
 import re
 import struct
-import time
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ import cv2
 import numpy as np
 import PIL.Image
 import pytest
-from browser import serve_folder, text_of
+from browser import PATIENCE_S, serve_folder, text_of, wait_for
 from conftest import OpenWindow, cases
 from moving import write_moving
 from pilot_films import CORNERS
@@ -110,7 +109,6 @@ def test_loops_are_those_of_python(
 
 # The page in Chromium
 
-PATIENCE_S = 60.0
 MESSAGES = {
     "text": "one\n\ttwo, Gr\u00fc\u00dfe, \u4f60\u597d \U0001f642 </script> ".encode(),
     "5 kB": b"A long one. " * 420,
@@ -147,14 +145,6 @@ def sender(address: str, open_window: OpenWindow) -> Iterator[Page]:
     ours = (address.removesuffix("send.html"), "blob:", "data:")
     assert errors == []
     assert [url for url in asked if not url.startswith(ours)] == []
-
-
-def wait_for(page: Page, condition: Callable[[], object], patience: float = PATIENCE_S) -> None:
-    """Wait until a function is true; Playwright's own way is refused by the page's policy."""
-    deadline = time.monotonic() + patience
-    while not condition():
-        assert time.monotonic() < deadline, text_of(page, "status")
-        page.wait_for_timeout(50)
 
 
 def save(page: Page, file: Path) -> dict[str, Any]:

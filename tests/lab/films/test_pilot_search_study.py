@@ -10,7 +10,6 @@ from lab.films.pilot_search import (
     SearchOutcome,
     SearchTake,
     folder_outcome,
-    search_film,
     search_table,
     stages_table,
     waited_for,

@@ -94,7 +94,7 @@ def test_finds_a_display_that_begins_to_play_late() -> None:
     assert number <= 40 + LEAST_WINDOW
 
 
-@pytest.mark.parametrize("pan", [0.0, 8.0])
+@pytest.mark.parametrize("pan", [0.0, slow(8.0)])
 def test_a_display_whose_picture_moves_is_found_by_what_surrounds_it(pan: float) -> None:
     _, display = find(*filmed(FINE, 40, seed=2, pan=pan, hold=2), [FINE])
     assert display.picture_moves == bool(pan)
