@@ -149,10 +149,20 @@ def finished() -> None:
     (lambda: Receiver(30, threads=0), "argument", "threads"),
     (lambda: Receiver(30, models="paper"), "argument", "a list of presets"),
     (lambda: Receiver(30, models=["nothing"]), "model", "nothing: no such model; name one of pap"),
+    (lambda: Receiver(30, models=["paper", "paper"]), "argument", "one of each"),
+    (lambda: LiveReceiver(None, print), "argument", "give a Receiver"),
     (lambda: Receiver(30, models=[__file__]), "model", "not a readable ONNX model"),
     *[
         (lambda frame=frame: pushed(0, frame=frame), "frame", "frames must be")
-        for frame in (GRAY[:4, :4], GRAY / 255.0, GRAY > 9, None, "x.png", [[1, 2], [3, 4]])
+        for frame in (
+            GRAY[:4, :4],
+            GRAY / 255.0,
+            GRAY > 9,
+            None,
+            "x.png",
+            [[1, 2], [3, 4]],
+            [[1, 2], [3]],
+        )
     ],
     *[
         (lambda time=time: pushed(time), "time", "finite number")
@@ -165,12 +175,13 @@ def finished() -> None:
     (lambda: read_pair(GRAY, GRAY, corners=np.eye(4, 2)), "argument", "name the"),
     *[
         (lambda at=at: read_pair(GRAY, GRAY, corners=at, model="robust"), "argument", "corners")
-        for at in ("abc", np.full((4, 2), np.nan))
+        for at in ("abc", np.full((4, 2), np.nan), np.eye(4, 2), 1e300 * np.eye(4, 2))
     ],
     (lambda: read_pair(GRAY, GRAY[:20], model="robust"), "frame", "size"),
     (lambda: hidden_states(GRAY, "text"), "argument", "give bytes"),
     (lambda: hidden_states(GRAY, b""), "argument", "empty"),
     (lambda: hidden_states(GRAY, b"hi", preset="none"), "argument", "unknown preset"),
+    (lambda: hidden_states(GRAY, b"hi", preset=["paper"]), "argument", "unknown preset"),
     slow(
         lambda: read_pair(*np.full((2, 480, 640), 90, np.uint8), model="robust"),
         "no-display",
