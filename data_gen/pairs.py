@@ -248,7 +248,8 @@ def _own_pair(file: Path) -> Pair:
     content = read_json(file)
     if not isinstance(content, dict) or not {"base"} <= set(content) <= {"base", "set"}:
         raise InputError(f'{file}: need {{"base": PAIR, "set": {{PARAMETER: VALUE, ...}}}}')
-    pair, changes = get_pair(str(content["base"])), content.get("set", {})
+    pair = choose(PAIRS | TODAY, content["base"], f"base pair in {file}")
+    changes = content.get("set", {})
     if not isinstance(changes, dict):
         raise InputError(f"{file}: set must name parameters and their values")
     for name, value in changes.items():

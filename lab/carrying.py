@@ -146,15 +146,15 @@ def measure_carrying(flags: CarryingFlags, workshop: Workshop) -> CarryingConten
 def carrying_blocks(results: Mapping[str, Results[CarryingContent]]) -> dict[str, str]:
     """Tabulate the mean of the films by level and preset, with its interval."""
     (stored,) = results.values()
-    presets = list(dict.fromkeys(told.preset for told in stored.content.films))
+    films = stored.content.films
     rows, heads = [[str(level)] for level in LEVELS], ["gray level"]
-    for preset in presets:
-        films = [told for told in stored.content.films if told.preset == preset]
-        shares = np.array([told.shares for told in films if told.shares]).reshape(-1, len(LEVELS))
-        pairs = sum(told.pairs for told in films)
-        heads.append(f"{preset}: {pairs} frame pairs of {len(shares)} in {len(films)} films")
-        for row, told in zip(rows, shares.T, strict=True):
-            row.append(mean_and_half(told))
+    for preset in dict.fromkeys(told.preset for told in films):
+        of_preset = [told for told in films if told.preset == preset]
+        read = [told.shares for told in of_preset if told.shares]
+        pairs = sum(told.pairs for told in of_preset)
+        heads.append(f"{preset}: {pairs} frame pairs of {len(read)} in {len(of_preset)} films")
+        for number, row in enumerate(rows):
+            row.append(mean_and_half(np.array([shares[number] for shares in read])))
     title = (
         "Share of a bit that the scores of a frame pair tell (simulated), mean of the films in "
         "which the display was found and 95 % interval of the mean by Student's t, as if films "

@@ -73,7 +73,7 @@ def choose(choices: Mapping[str, T], name: str, what: str) -> T:
     Raises:
         InputError: the name is unknown; the message lists those that are known.
     """
-    if name not in choices:
+    if not isinstance(name, str) or name not in choices:
         raise InputError(f"unknown {what} {name!r}; choose one of: {', '.join(choices)}")
     return choices[name]
 

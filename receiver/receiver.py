@@ -281,7 +281,10 @@ def as_uint8(image: NDArray[np.generic]) -> Image:
     Raises:
         InputError: any other shape or type.
     """
-    array = np.asarray(image)
+    try:
+        array = np.asarray(image)
+    except ValueError:  # lists of unlike lengths
+        array = np.empty(0)
     if array.ndim == 3 and array.shape[2] == 1:
         array = array[:, :, 0]
     if array.ndim not in (2, 3) or array.shape[2:] not in ((), (3,)) or min(array.shape[:2]) < 16:

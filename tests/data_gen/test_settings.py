@@ -70,6 +70,8 @@ def test_a_wrong_curve_is_refused(content: str, message: str, tmp_path: Path) ->
 @cases(
     ("[]", "need"),
     ('{"base": "no"}', "pair"),
+    ('{"base": "own.json"}', "unknown base pair in"),
+    ('{"base": ["canon-lg"]}', "unknown base pair in"),
     ('{"base": "canon-lg", "set": {"no": 1}}', "unknown parameter"),
     ('{"base": "canon-lg", "set": {"drift": "x"}}', "drift: need a number"),
 )

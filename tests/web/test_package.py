@@ -147,12 +147,17 @@ def finished() -> None:
     (lambda: Receiver(30, threads=0), "argument", "threads"),
     (lambda: Receiver(30, models="paper"), "argument", "a list of presets"),
     (lambda: Receiver(30, models=["nothing"]), "model", "nothing: no such model; name one of pap"),
+    (lambda: Receiver(30, models=["paper", "paper"]), "argument", "one of each"),
+    (lambda: LiveReceiver(None, print), "argument", "give a Receiver"),
     (lambda: Receiver(30, models=[__file__]), "model", "not a readable ONNX model"),
     *[
         (lambda frame=frame: pushed(0, frame=frame), "frame", "frames must be")
-        for frame in (GRAY[:4, :4], GRAY / 255.0, "x.png")
+        for frame in (GRAY[:4, :4], GRAY / 255.0, None, "x.png", [[1, 2], [3]])
     ],
-    *[(lambda time=time: pushed(time), "time", "finite number") for time in (np.nan, "0", 10**400)],
+    *[
+        (lambda time=time: pushed(time), "time", "finite number")
+        for time in (np.nan, None, "0", 10**400)
+    ],
     (lambda: pushed(1, 0.5), "time", "must rise"),
     (lambda: pushed(0, 33.3, 66.7, 100), "time", "33.3 s apart.*not milliseconds"),
     (finished, "finished", "make a new one"),
@@ -160,12 +165,13 @@ def finished() -> None:
     (lambda: read_pair(GRAY, GRAY, corners=np.eye(4, 2)), "argument", "name the"),
     *[
         (lambda at=at: read_pair(GRAY, GRAY, corners=at, model="robust"), "argument", "corners")
-        for at in ("abc", np.full((4, 2), np.nan))
+        for at in ("abc", np.full((4, 2), np.nan), np.eye(4, 2), 1e300 * np.eye(4, 2))
     ],
     (lambda: read_pair(GRAY, GRAY[:20], model="robust"), "frame", "size"),
     (lambda: hidden_states(GRAY, "text"), "argument", "give bytes"),
     (lambda: hidden_states(GRAY, b""), "argument", "empty"),
     (lambda: hidden_states(GRAY, b"hi", preset="none"), "argument", "unknown preset"),
+    (lambda: hidden_states(GRAY, b"hi", preset=["paper"]), "argument", "unknown preset"),
     slow(
         lambda: read_pair(*np.full((2, 480, 640), 90, np.uint8), model="robust"),
         "no-display",

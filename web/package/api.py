@@ -34,7 +34,7 @@ from link.code.authenticate import Verifier
 from link.code.framing import encode
 from link.errors import InputError, NoDisplayError, ParameterError, choose
 from link.frames import check_same_size
-from link.geometry import as_corners
+from link.geometry import as_corners, check_corners
 from link.images import as_rgb
 from link.images.video import check_fps
 from link.loop import Loop
@@ -124,7 +124,8 @@ class Receiver:
                     )
             verifier = None if key is None else Verifier(key, max_age_s)
         decoders, film = _open(models, threads)
-        self._stream = EventStream(decoders, fps, verifier, bool(scores), film)
+        with _coded("argument"):
+            self._stream = EventStream(decoders, fps, verifier, bool(scores), film)
         self._period = 1 / fps
         self._frames = self._far = 0
         self._time = -math.inf
@@ -197,9 +198,15 @@ class LiveReceiver:
     Args:
         receiver: reads the frames; only this object may use it from now on.
         on_event: is called with each event, in the receiver's thread.
+
+    Raises:
+        InputError: ``argument``: one is of a wrong type.
     """
 
     def __init__(self, receiver: Receiver, on_event: Callable[[FilmEvent], object]) -> None:
+        if not isinstance(receiver, Receiver) or not callable(on_event):
+            with _coded("argument"):
+                raise InputError("give a Receiver, and a function that takes its events")
         self._receiver, self._on_event = receiver, on_event
         self._waiting: Newest[tuple[NDArray[np.generic], float]] = Newest()
         self._failed: Exception | None = None
@@ -348,6 +355,10 @@ def read_pair(
     with _coded("frame"):
         frames = as_uint8(first), as_uint8(second)
         check_same_size(*frames)
+    with _coded("argument"):
+        for points in (place, place_second):
+            if points is not None:
+                check_corners(points, frames[0].shape)
     with _coded("failed"):
         if place is not None and place_second is not None:
             pair = FrameReceiver(decoders[0]).decode_images(*frames, place, place_second)
@@ -396,7 +407,8 @@ def _open(
             known = isinstance(model, str) and model in PRESETS
             if not known and not (isinstance(model, (str, Path)) and is_file(Path(model))):
                 raise InputError(
-                    f"{model}: no such model; name one of {', '.join(PRESETS)}, or an .onnx file"
+                    f"{model!s:.60}: no such model; "
+                    f"name one of {', '.join(PRESETS)}, or an .onnx file"
                 )
         return _decoders(tuple(map(str, models)), threads)
 

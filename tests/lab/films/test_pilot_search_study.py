@@ -4,12 +4,14 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 from pilot_films import robust_film
 
 from lab.films.pilot_search import (
     SearchOutcome,
     SearchTake,
     folder_outcome,
+    search_film,
     search_table,
     stages_table,
     waited_for,
@@ -37,6 +39,7 @@ def outcome(number: int, seen: str = "display", off: float | None = 0.2) -> Sear
     )
 
 
+@pytest.mark.slow
 def test_a_display_is_found_and_one_without_a_message_is_not() -> None:
     found = search_film(SearchTake("robust", "display", 0, 1.5, "canon-lg", 0))
     assert found.right
