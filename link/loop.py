@@ -310,8 +310,8 @@ class Carrier:
     loop: Loop
     """The loop to which it belongs."""
     after: "Carrier | None" = None
-    """The same frame pair over the picture of its second state, or None where both states show one
-    picture."""
+    """This carrier over the picture of its second state, where a film shows another picture then;
+    else None."""
 
     def shown(self, sign: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """Make both states, before they are turned, in the order in which they are shown.

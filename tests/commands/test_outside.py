@@ -204,7 +204,7 @@ def test_the_page_on_security_states_the_limits_of_the_code() -> None:
         f"{MAX_FIELDS:,} |",
         f"models of a process | {MAX_MEMORY_BYTES / mib:g} MiB |",
         f"or to run it | {TIME_LIMIT_S:g} s, and 1 s more",
-        f"let itself be stopped within {GRACE_S:g} s",
+        f"does not stop within {GRACE_S:g} s",
         f"weights of a checkpoint | {MAX_WEIGHTS_BYTES / mib:g} MiB |",
         f"state of a training | {MAX_STATE_BYTES / mib:g} MiB |",
         f"command line | {cli.MAX_NUMBER:,}, where",
