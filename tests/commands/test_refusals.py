@@ -134,6 +134,7 @@ REFUSED = [
     ("send", "--kappa 0", "--kappa: need 1 to 64"),
     ("send", "--kappa much", "argument --kappa: invalid int value: 'much'"),
     ("send", "--out x.mp4", "x.mp4 must end in .html, .avi or .mkv"),
+    ("send", "--out .html", ".html must end in .html, .avi or .mkv"),
     ("send", "--out clip.avi", "--out: clip.avi is already there"),
     ("send", "--out many", "--out: many is already there"),
     ("send", "--out /", "--out: / has no name"),
