@@ -37,7 +37,7 @@ def output_kind(out: Path) -> str:
         raise InputError(f"{out}: the name has more than {MAX_NAME_BYTES} bytes; shorten it")
     if not out.name:
         raise ParameterError("out", f"{out} has no name; choose a new file or folder")
-    if kind not in KINDS:
+    if kind not in KINDS or (not kind and "." in out.name):  # as in ".html"
         raise ParameterError(
             "out",
             f"{out} must end in .html, .avi or .mkv, which lose nothing, or be a folder with no "

@@ -111,6 +111,7 @@ REFUSED = [
     ("send", "--counter 1", "--counter: only a message with a key has one"),
     ("send", "--kappa much", "argument --kappa: invalid int value: 'much'"),
     ("send", "--out x.mp4", "x.mp4 must end in .html, .avi or .mkv"),
+    ("send", "--out .html", ".html must end in .html, .avi or .mkv"),
     ("send", "--out clip.avi", "--out: clip.avi is already there"),
     ("send", "--out many", "--out: many is already there"),
     ("send", "--out /", "--out: / has no name"),
