@@ -69,11 +69,6 @@ REFUSED = [
     ("mp4", "--out x.webm", "--out: need a folder, or a file of .mkv, .avi, .mp4, .mov"),
     ("mp4", "--codec.kbits 1", "--codec.kbits: need 50 to 500000 kbit/s"),
     ("evaluate", "--pairs canon-dell", tuple(PAIRS)),
-    (
-        "evaluate",
-        "--methods oorc magic",
-        "naive, two_step, oorc, hidden_ratex, blind, phi, learned",
-    ),
     ("evaluate", "--methods idol", f"method 'idol'; choose one of: {', '.join(DECODERS)}"),
     ("evaluate", "--out many", "--out: many holds a run with other settings, or other files"),
     ("evaluate", "--views 45 45", "--views: name at least one, and none twice"),

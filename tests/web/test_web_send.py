@@ -479,7 +479,7 @@ def test_nobody_is_shut_out(address: str, open_window: OpenWindow) -> None:
 
 @pytest.mark.slow
 def test_the_page_that_sends_is_small(site: Path) -> None:
-    names = (
+    names = [
         "send.html",
         "noon.jpg",
         "style.css",
@@ -487,7 +487,7 @@ def test_the_page_that_sends_is_small(site: Path) -> None:
         "sending.js",
         "player.html",
         "icon.svg",
-    )
+    ]
     assert sum((site / name).stat().st_size for name in names) <= 300_000
 
 
