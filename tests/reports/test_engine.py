@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import dask
 import distributed
 import pytest
 import torch
@@ -47,17 +46,9 @@ def condition(*cells: Cell, source: Source | None = None) -> list[Condition]:
 @pytest.fixture(scope="module")
 def scheduler() -> Iterator[str]:
     """Address of a Dask cluster of two worker processes."""
-    few_deaths = {"distributed.scheduler.allowed-failures": 0}  # local clusters lose their workers
-    with (
-        dask.config.set(few_deaths),
-        distributed.LocalCluster(
-            n_workers=2,
-            threads_per_worker=1,
-            processes=True,
-            dashboard_address=":0",
-            silence_logs=50,
-        ) as cluster,
-    ):
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=50
+    ) as cluster:
         yield cluster.scheduler_address
 
 
