@@ -2,6 +2,7 @@
 
 import base64
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -81,7 +82,9 @@ def report_page(run: Run) -> str:
     Raises:
         InputError: a picture of a story is missing, or lies outside the run's folder.
     """
-    ranked, swept = ranked_comparisons(run), swept_accuracies(run.swept)
+    if run.about.settings.get("films"):  # the paper decoded no films
+        run = replace(run, scores=run.scores.assign(paper=float("nan")))
+    swept = swept_accuracies(run.swept)
     curves = llr_curves(run)
     by, kind = tables_by(run.records), "simulated" if run.simulated else "recorded"
     content: dict[str, Any] = {
@@ -99,7 +102,7 @@ def report_page(run: Run) -> str:
         {method: colour_of(method) for method in (*DECODERS, *run.methods)},
         run=run,
         sections={name: title for name, title in SECTIONS.items() if content.get(name, True)},
-        summary=summary_table(run.scores, against=ranked),
+        summaries=summaries(run),
         references=REFERENCES,
         settings=shown_settings(run),
         far=FAR,
@@ -112,6 +115,19 @@ def report_page(run: Run) -> str:
         picture=lambda file: picture_data(run.folder, file),
         **content,
     )
+
+
+def summaries(run: Run) -> list[Table]:
+    """Tabulate each condition of a run by itself, since conditions have different captures.
+
+    Returns:
+        a table for each condition, the best method first; its title is the condition's name.
+    """
+    tables = []
+    for name, records in run.records.groupby("condition", sort=False):
+        one = replace(run, records=records, scores=run.scores[run.scores["condition"] == name])
+        tables.append(summary_table(one.scores, str(name), ranked_comparisons(one)))
+    return tables
 
 
 def ranked_comparisons(run: Run) -> dict[str, Paired | None]:
