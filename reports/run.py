@@ -231,6 +231,7 @@ class RunFolder:
         scores = score(records)
         write_scores(self.path / "metrics.json", scores, meta)
         rows = pd.DataFrame([asdict(row) for row in to_score_rows(scores)])
+        rows.insert(0, "condition", scores["condition"].to_numpy())
         write_bytes(self.path / CSV, rows.to_csv(index=False).encode())
         write_bytes(self.path / "tables.md", f"{tables}\n".encode())
 
