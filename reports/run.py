@@ -278,11 +278,12 @@ class RunFolder:
             )
         try:
             records = read_predictions(self.path / PREDICTIONS)
+            about = self._read("run.json", About)
             run = Run(
                 folder=self.path,
-                about=self._read("run.json", About),
+                about=about,
                 records=records,
-                scores=score(records),
+                scores=score(records, in_paper=not about.settings.get("films")),
                 swept=read_predictions(self.path / SWEPT)
                 if is_file(self.path / SWEPT)
                 else records[:0],

@@ -82,8 +82,6 @@ def report_page(run: Run) -> str:
     Raises:
         InputError: a picture of a story is missing, or lies outside the run's folder.
     """
-    if run.about.settings.get("films"):  # the paper decoded no films
-        run = replace(run, scores=run.scores.assign(paper=float("nan")))
     swept = swept_accuracies(run.swept)
     curves = llr_curves(run)
     by, kind = tables_by(run.records), "simulated" if run.simulated else "recorded"

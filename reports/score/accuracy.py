@@ -65,11 +65,13 @@ class StoredScores:
     """One row for each method in each cell."""
 
 
-def score(records: pd.DataFrame) -> pd.DataFrame:
+def score(records: pd.DataFrame, *, in_paper: bool = True) -> pd.DataFrame:
     """Accuracy of each method in each cell, in order of first appearance.
 
     Args:
         records: predictions, as `reports.engine.records.to_records` makes them.
+        in_paper: whether cells may be the paper's; those of films, and of layouts with pilots, are
+            not, though a pair, view and kappa of the paper's names them.
 
     Returns:
         `SCORES`: ``frames`` frame pairs, ``bits`` whose truth is known, ``correct`` ones,
@@ -89,7 +91,7 @@ def score(records: pd.DataFrame) -> pd.DataFrame:
     intervals = [wilson(*row) for row in zip(table["correct"], table["bits"], strict=True)]
     table["ci_low"] = [low for low, _ in intervals]
     table["ci_high"] = [high for _, high in intervals]
-    table["paper"] = _printed(table)
+    table["paper"] = _printed(table) if in_paper else float("nan")
     return table[SCORES]
 
 
