@@ -47,7 +47,7 @@ def film_settings(name: str) -> FilmSettings:
     preset_name, _, rest = name.partition(":")
     rate, _, carriers = rest.partition(":")
     check_carriers(carriers := carriers or STILL)
-    preset = choose(PRESETS, preset_name, "films")
+    choose(PRESETS, preset_name, "films")
     try:
         fps = float(rate or USUAL_FPS)
     except ValueError:
@@ -56,14 +56,8 @@ def film_settings(name: str) -> FilmSettings:
         ) from None
     if not 1 <= fps <= 240:
         raise ParameterError("films", f"need 1 to 240 frames a second, got {fps:g}")
-    return FilmSettings(
-        kappa=preset.kappa,
-        preset=preset_name,
-        state_hz=preset.state_hz,
-        fps=fps,
-        n_bytes=FILM_BYTES,
-        loops=20.0,
-        carriers=carriers,
+    return FilmSettings.of_preset(
+        preset_name, fps=fps, n_bytes=FILM_BYTES, loops=20.0, carriers=carriers
     )
 
 

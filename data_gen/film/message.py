@@ -6,6 +6,7 @@
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,6 +61,19 @@ class FilmSettings:
     """Exposure time of each frame, seconds; None for the camera's own."""
     codec: CodecSettings = field(default_factory=CodecSettings)
     """Codec through which the frames pass."""
+
+    @classmethod
+    def of_preset(cls, name: str, **changed: Any) -> "FilmSettings":
+        """Show a preset at its own kappa and rate, with other settings changed by name.
+
+        Raises:
+            InputError: there is no such preset; the message lists the names.
+
+        >>> FilmSettings.of_preset("hidden", fps=120).kappa
+        1
+        """
+        preset = choose(PRESETS, name, "preset")
+        return cls(kappa=preset.kappa, preset=name, state_hz=preset.state_hz, **changed)
 
     @property
     def layout(self) -> Layout:

@@ -12,7 +12,7 @@ for.
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from itertools import takewhile
 from math import inf
 from pathlib import Path
@@ -43,23 +43,23 @@ from reports.render.tables import Table
 from reports.score.intervals import wilson
 
 CAMERAS = {
-    "hidden": FilmSettings(preset="hidden", kappa=1, state_hz=60, fps=120),
-    "hidden, 60 fps": FilmSettings(preset="hidden", kappa=1, state_hz=60, fps=60),
-    "hidden, 30 fps": FilmSettings(preset="hidden", kappa=1, state_hz=60, fps=30),
-    "fast": FilmSettings(preset="fast", state_hz=30, fps=60),
-    "robust": FilmSettings(preset="robust", fps=30),
+    "hidden": ("hidden", 120),
+    "hidden, 60 fps": ("hidden", 60),
+    "hidden, 30 fps": ("hidden", 30),
+    "fast": ("fast", 60),
+    "robust": ("robust", 30),
 }
-"""What displays show, and the cameras before them, by name."""
+"""Preset, and number of camera frames a second, by the name of the setting."""
 SEEN: dict[str, dict[str, Any]] = {
     "display": {},
     "moving": {"carriers": "moving"},
     "still": {"shows_message": False},
     "film": {"shows_message": False, "carriers": "moving"},
-    "other": {"preset": "paper", "kappa": 3, "state_hz": 15.0},
+    "other": {"name": "paper"},
 }
-"""What films show, by what is unlike a still picture that carries a message in the preset. In
-"still" and "film" nothing toggles, and "other" toggles in a layout that is not looked for: there
-nothing is to be found."""
+"""What films show, by the arguments of `FilmSettings.of_preset` that are unlike those of a still
+picture that carries a message in the preset. In "still" and "film" nothing toggles, and "other"
+toggles in a layout that is not looked for: there nothing is to be found."""
 SHOWN = "display", "moving"
 """Films in which a display is to be found."""
 MAX_VIEW_DEG = 60.0
@@ -173,7 +173,10 @@ def search_outcome(take: SearchTake) -> dict[str, Any]:
 
 def search_film(take: SearchTake) -> SearchOutcome:
     """Film a room and look for a display until one is found."""
-    settings = replace(CAMERAS[take.preset], loops=inf, **SEEN[take.seen])
+    preset, fps = CAMERAS[take.preset]
+    settings = FilmSettings.of_preset(
+        **{"name": preset, "fps": fps, "loops": inf, **SEEN[take.seen]}
+    )
     kind = list(CAMERAS).index(take.preset), list(SEEN).index(take.seen)
     view = float(np.random.default_rng([take.seed, *kind, take.number]).uniform(0, MAX_VIEW_DEG))
     layout = settings.layout
@@ -209,7 +212,7 @@ def trace_search(
     """
     true: dict[float, Corners] = {}
     stages: dict[str, float] = {}
-    evidence, coverage = [0.0], []
+    evidence, coverage = [0.0], 0.0
 
     def note(trial: Trial) -> None:
         corners = true[trial.time]
@@ -221,14 +224,15 @@ def trace_search(
 
     search, error, found = PilotSearch(searched_layouts(), fps, note), None, None
     for image, now, corners in film:
+        if not true:
+            coverage = cv2.contourArea(corners.astype(np.float32)) / image[..., 0].size
         true[now] = corners
-        coverage.append(cv2.contourArea(corners.astype(np.float32)) / image[..., 0].size)
         found = search.push(image, now)
         if found is not None:
             stages["found"] = now - min(true)
             error = float(np.linalg.norm(found.corners - corners, axis=1).mean())
             break
-    trace = Trace(coverage=coverage[0], error_px=error, stages=stages, evidence=max(evidence))
+    trace = Trace(coverage=coverage, error_px=error, stages=stages, evidence=max(evidence))
     return found, trace
 
 
@@ -311,7 +315,7 @@ def search_table(outcomes: Sequence[SearchOutcome]) -> Table:
             low, high = wilson(right, len(mine))
             times = [o.found_s for o in mine if o.right and o.found_s is not None]
             errors = [o.error_px for o in mine if o.right and o.error_px is not None]
-            row = [preset, "–" if preset == "all" else f"{CAMERAS[preset].fps:g}", seen]
+            row = [preset, "–" if preset == "all" else f"{CAMERAS[preset][1]}", seen]
             row.append(str(len(mine)))
             row.append(f"{right} ({low:.1%} – {high:.1%})" if seen in SHOWN else "–")
             row.append(f"{wrong} (at most {wilson(wrong, len(mine))[1]:.1%})")
