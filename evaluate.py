@@ -37,23 +37,12 @@ from reports.evaluation.comparison import (
 )
 from reports.evaluation.evidence import QUICK_FRAMES
 from reports.evaluation.page import write_report
-from reports.evaluation.settings import REFERENCE, chosen_sweeps, decisive_settings
+from reports.evaluation.settings import check_benchmark, chosen_sweeps, decisive_settings
 from reports.evaluation.sweeps import SWEEPS
 from reports.evaluation.versus import compare_runs
 from reports.render.annotated import write_annotated
 from reports.run import RunFolder
 
-OF_BENCHMARK = (
-    *REFERENCE,
-    "films",
-    "frames",
-    "sweeps",
-    "quick",
-    "captures",
-    "ablation",
-    "protocol",
-)
-"""Flags that have no effect with --benchmark, which fixes its conditions, and so are refused."""
 CAPTURES = "captures"
 """Name of the folder, within a run's, that holds the captures cut from one's own recordings."""
 
@@ -206,9 +195,8 @@ def main() -> None:
 def checked_flags(config: EvaluateConfig) -> tuple[list[Condition], Backend]:
     """Return what is compared and where it runs, or refuse wrong flags before any work."""
     at_least(1, frames=config.frames, jobs=config.jobs)
-    for flag in OF_BENCHMARK if config.benchmark else ():
-        if getattr(config, flag) != getattr(EvaluateConfig(), flag):
-            raise InputError(f"--benchmark: has conditions of its own; leave out --{flag}")
+    if config.benchmark:
+        check_benchmark(config)
     each_once(methods=config.methods)
     for name in config.sweeps or ():
         choose(SWEEPS, name, "sweep")

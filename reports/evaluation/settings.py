@@ -8,6 +8,7 @@ from dataclasses import asdict, fields
 from typing import Any
 
 from data_gen.flags import LayoutFlags, SourceFlags
+from link.errors import InputError
 from link.layout import Layout
 from reports.engine.methods import Method
 from reports.engine.predict import checkpoint_digest
@@ -19,6 +20,29 @@ REFERENCE = ("pairs", "views", "kappas", "pictures", "without", "set")
 """Flags that the reference comparison, with the paper's 36 cells, leaves as they usually are."""
 OF_SIMULATION = (*REFERENCE, "frames", "sweeps", "quick", "ratex")
 """Settings that say what is simulated. They say nothing of captures from a folder."""
+OF_BENCHMARK = (
+    *REFERENCE,
+    "films",
+    "frames",
+    "sweeps",
+    "quick",
+    "captures",
+    "ablation",
+    "protocol",
+)
+"""Flags that have no effect with --benchmark, which fixes its conditions, and so are refused."""
+
+
+def check_benchmark(config: SourceFlags) -> None:
+    """Raise an `InputError` that names the first flag that is set although --benchmark fixes it.
+
+    Args:
+        config: settings of evaluate.py.
+    """
+    usual = type(config)()
+    for flag in OF_BENCHMARK:
+        if getattr(config, flag) != getattr(usual, flag):
+            raise InputError(f"--benchmark: has conditions of its own; leave out --{flag}")
 
 
 def chosen_sweeps(config: LayoutFlags, named: Sequence[str] | None) -> tuple[str, ...]:
