@@ -34,7 +34,7 @@ from reports.render.tables import (
 from reports.run import CSV, MAX_PICTURE_BYTES, REPORT, Response, Run, RunFolder
 from reports.score.accuracy import pool
 from reports.score.paired import REFERENCES, Paired, against_references
-from reports.score.reliability import Curves, confidence_bins, known_scores
+from reports.score.reliability import Bin, Curves, confidence_bins, known_scores
 
 SECTIONS = {
     "summary": "Summary",
@@ -50,10 +50,10 @@ SECTIONS = {
 }
 """Titles of the report's sections by anchor, in the order of the page; those that a run has nothing
 for are left out."""
+MAIN = "main comparison"
+"""Name that the page gives to the only condition of a run."""
 MOST_FILMS = 6
 """Largest number of films that the page draws one by one."""
-MAIN = "main comparison"
-"""Name of the condition whose reliability the page shows."""
 
 
 def write_report(folder: Path) -> Path:
@@ -83,12 +83,11 @@ def report_page(run: Run) -> str:
         InputError: a picture of a story is missing, or lies outside the run's folder.
     """
     swept = swept_accuracies(run.swept)
-    curves = llr_curves(run)
-    by, kind = tables_by(run.records), "simulated" if run.simulated else "recorded"
+    curves, kind = llr_curves(run), "simulated" if run.simulated else "recorded"
     content: dict[str, Any] = {
         "ablation": ablation_exhibits(run) if run.about.settings.get("ablation") else None,
         "films": film_exhibits(run, run.films) if run.films else None,
-        "by": by,
+        "by": breakdowns(run),
         "paper": paper_tables(run),
         "sweeps": sweep_charts(swept),
         "reliability": calibration_table(curves, kind) if curves else None,
@@ -105,9 +104,7 @@ def report_page(run: Run) -> str:
         settings=shown_settings(run),
         far=FAR,
         csv=CSV,
-        reliability_chart=to_svg(reliability_figure(curves, [MAIN]), "Reliability")
-        if curves
-        else None,
+        reliability_chart=to_svg(reliability_figure(curves), "Reliability") if curves else None,
         reliability_bits=SHOWN_BITS,
         response_errors=exhibits.response_table(run.responses),
         picture=lambda file: picture_data(run.folder, file),
@@ -126,6 +123,15 @@ def summaries(run: Run) -> list[Table]:
         one = replace(run, records=records, scores=run.scores[run.scores["condition"] == name])
         tables.append(summary_table(one.scores, str(name), ranked_comparisons(one)))
     return tables
+
+
+def breakdowns(run: Run) -> dict[str, list[Table]]:
+    """Break each condition's accuracies down by what varies in it: tables by condition."""
+    tables = {
+        str(name): tables_by(records)
+        for name, records in run.records.groupby("condition", sort=False)
+    }
+    return {name: mine for name, mine in tables.items() if mine}
 
 
 def ranked_comparisons(run: Run) -> dict[str, Paired | None]:
@@ -197,10 +203,18 @@ def sweep_charts(
 
 
 def llr_curves(run: Run) -> Curves:
-    """Bins of confidence of the methods whose scores are log-likelihood ratios, by method."""
-    known = set(run.records.loc[run.records["known"] > 0, "method"])
-    methods = [m for m in run.methods if m in known and m in DECODERS and DECODERS[m].llr]
-    return {m: {MAIN: confidence_bins(*known_scores(run.records, m))} for m in methods}
+    """Bins of confidence of the methods whose scores are log-likelihood ratios.
+
+    Returns:
+        bins by method, then by those conditions in which the method decoded known bits.
+    """
+    known = run.records[run.records["known"] > 0]
+    curves: dict[str, dict[str, list[Bin]]] = {}
+    for (name, method), records in known.groupby(["condition", "method"], sort=False):
+        if method in DECODERS and DECODERS[method].llr:
+            bins = confidence_bins(*known_scores(records, method))
+            curves.setdefault(method, {})[str(name) or MAIN] = bins
+    return curves
 
 
 def response_charts(responses: Sequence[Response]) -> list[tuple[Response, Markup]]:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from matplotlib.figure import Figure
 
 from reports.render.charts import Point, Series, draw_series, in_style, new_panels
-from reports.render.tables import Table
+from reports.render.tables import Table, number
 from reports.score.reliability import BINS, Curves, calibration_error
 
 SHOWN_BITS = 20
@@ -18,14 +18,14 @@ def calibration_table(curves: Curves, kind: str = "simulated") -> Table:
     """Make the table of the expected calibration error, methods by conditions.
 
     Args:
-        curves: bins by method and condition.
+        curves: bins by method and condition; a method need not have all conditions.
         kind: word for the captures.
     """
-    names = list(next(iter(curves.values())))
-    rows = [
-        [method, *(f"{calibration_error(by_name[name]):.4f}" for name in names)]
-        for method, by_name in curves.items()
-    ]
+    names = conditions_of(curves)
+    rows = []
+    for method, by_name in curves.items():
+        errors = (calibration_error(by_name[n]) if n in by_name else None for n in names)
+        rows.append([method, *(number(error, 4) for error in errors)])
     title = (
         f"Expected calibration error of log-likelihood ratios, {BINS} bins of equal width "
         f"(aim: at most {TARGET:g}; {kind} captures):"
@@ -33,19 +33,28 @@ def calibration_table(curves: Curves, kind: str = "simulated") -> Table:
     return Table(["method", *names], rows, title)
 
 
+def conditions_of(curves: Curves) -> list[str]:
+    """List the conditions of curves, in the order in which methods have them."""
+    return list(dict.fromkeys(name for by_name in curves.values() for name in by_name))
+
+
 @in_style
-def reliability_figure(curves: Curves, conditions: Sequence[str], columns: int = 3) -> Figure:
+def reliability_figure(
+    curves: Curves, conditions: Sequence[str] | None = None, columns: int = 3
+) -> Figure:
     """Draw accuracy against confidence, one panel a condition.
 
     Args:
-        curves: bins by method and condition.
-        conditions: names of the conditions to draw.
+        curves: bins by method and condition; a method need not have all conditions.
+        conditions: names of the conditions to draw; all by default.
         columns: largest number of panels beside each other.
     """
+    conditions = conditions_of(curves) if conditions is None else conditions
     figure, panels = new_panels(len(conditions), columns, legend=0.1, title=True)
     for panel, name in zip(panels, conditions, strict=True):
         panel.plot([0.5, 1], [0.5, 1], "--", color="0.6", linewidth=1)
-        count = sum(b.count for b in next(iter(curves.values()))[name])
+        mine = {method: by_name[name] for method, by_name in curves.items() if name in by_name}
+        count = max(sum(b.count for b in bins) for bins in mine.values())
         panel.set(
             xlim=(0.5, 1.0),
             ylim=(0.4, 1.0),
@@ -54,14 +63,14 @@ def reliability_figure(curves: Curves, conditions: Sequence[str], columns: int =
             title=f"{name}, {count:,} bits",
         )
         series = []
-        for method, by_name in curves.items():
+        for method, bins in mine.items():
             points = [
                 Point(b.confidence, b.accuracy, b.ci_low, b.ci_high)
-                for b in by_name[name]
+                for b in bins
                 if b.count >= SHOWN_BITS
             ]
             if points:
-                text = f"{method}, error {calibration_error(by_name[name]):.3f}"
+                text = f"{method}, error {calibration_error(bins):.3f}"
                 series.append(Series(method, points, name=text))
         draw_series(panel, series, legend="lower right")
     return figure
