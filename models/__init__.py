@@ -50,7 +50,8 @@ class Card:
     that take frame pairs alone as pairs that are put together from their frames
     (`models.pairwise`)."""
     equalised: bool = False
-    """Whether a simulated display shows it equalised pictures without ratex patches."""
+    """Whether a simulated display shows it equalised pictures without patches, where the layout has
+    ratex patches."""
     llr: bool = False
     """Whether its scores are natural log-likelihood ratios of the bits."""
     checkpoint: Callable[[Layout], Path] | None = None

@@ -74,11 +74,18 @@ class Condition:
     """Number of the first observation."""
     called: str = ""
     """Name of its only cell in messages; if empty, they name condition, pair, view and kappa."""
+    same_captures: bool = False
+    """Whether methods that do without ratex patches decode the captures of all others, too."""
 
     @property
     def indices(self) -> range:
         """Numbers of the observations of each cell."""
         return range(self.start, self.start + self.frames)
+
+    def equalises(self, method: Method) -> bool:
+        """Whether a method is shown equalised pictures without patches in place of patches."""
+        has_patches = bool(self.source.layout.ratex)
+        return method.card.equalised and has_patches and not self.same_captures
 
 
 @dataclass(frozen=True)
@@ -257,10 +264,10 @@ def decode_cell(task: Task) -> Decoded:
     decoders = {method: method.build() for method in task.methods}
     one_thread()
     for index in condition.indices:
-        for equalised in {method.card.equalised for method in decoders}:
+        for equalised in {condition.equalises(method) for method in decoders}:
             seen, truth = observe(condition.source, task.cell, index, equalised)
             for method, decoder in decoders.items():
-                if method.card.equalised != equalised:
+                if condition.equalises(method) != equalised:
                     continue
                 try:
                     if method.card.frames == "window" and seen.is_pair:
@@ -317,7 +324,8 @@ def what_decides(source: Any, condition: Condition) -> object:
     """Give what decides observations beside code, as an object whose text tells it."""
     files = sorted({cell.pair for cell in condition.cells if cell.pair.endswith(".json")})
     pictures = file_digest(sorted(source.pictures.glob("*")) if source.pictures else [])
-    return source, condition.frames, [get_pair(file) for file in files], pictures
+    pairs = [get_pair(file) for file in files]
+    return source, condition.frames, condition.same_captures, pairs, pictures
 
 
 @what_decides.register

@@ -57,7 +57,7 @@ def simulated_pictures(
         records: its predictions.
         methods: all methods that were compared.
     """
-    equalised = {method.label for method in methods if method.card.equalised}
+    equalised = {method.label for method in methods if comparison.equalises(method)}
 
     def filmed_again(row: pd.Series) -> Captured:
         cell = Cell(row["pair"], float(row["view_deg"]), int(row["kappa"]))

@@ -10,8 +10,10 @@ import evaluate
 from data_gen.frame_pair import Source
 from examples import lightnet
 from link.layout import make_layout
+from link.presets import PRESETS
 from reports import benchmark
 from reports.benchmark import benchmark_conditions
+from reports.engine.methods import Method
 from reports.engine.predict import Condition, paper_cells
 from reports.evaluation.comparison import film_conditions
 
@@ -43,6 +45,19 @@ def test_a_decoder_of_ones_own_is_trained_and_enters_the_benchmark(
     assert oorc["wrong"]["stills"]["share"] < 0.1
     command(evaluate.main, *run, "--no-html", "--out", tmp_path / "run")
     assert json.loads((tmp_path / "run" / "benchmark.json").read_text()) == result
+
+
+def test_all_decoders_of_the_benchmark_see_the_same_captures() -> None:
+    methods = [Method(name) for name in ("hidden_ratex", "blind", "learned")]
+    for condition in benchmark_conditions():
+        assert not any(condition.equalises(method) for method in methods)
+
+
+def test_pictures_are_equalised_in_place_of_ratex_patches_alone() -> None:
+    for layout, equalised in ((make_layout(), True), (PRESETS["hidden"].layout, False)):
+        condition = Condition("", Source(layout), paper_cells(["canon-lg"]), 1)
+        assert condition.equalises(Method("blind")) == equalised
+        assert not condition.equalises(Method("learned"))
 
 
 def test_the_benchmark_has_conditions_of_its_own(command: Command, tmp_path: Path) -> None:
