@@ -355,6 +355,14 @@ def site(node: None, make_once: MakeOnce) -> Path:
 
 
 @pytest.fixture(scope="session")
+def npm_package(node: None, make_once: MakeOnce) -> Path:
+    """Folder node_modules with the npm package, beside what npm would install with it."""
+    from test_npm import install_package
+
+    return make_once("npm_package", install_package) / "node_modules"
+
+
+@pytest.fixture(scope="session")
 def chromium() -> str:
     """Path of the machine's Chromium; tests that need it are skipped where there is none."""
     from browser import BROWSERS, find_browser
