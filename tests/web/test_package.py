@@ -240,7 +240,8 @@ def elsewhere(tmp_path: Path) -> Path:
 RUN_ELSEWHERE = f"""
 import sys
 sys.path.insert(0, "site")
-exec(open("shown.py").read())
+for name in sys.argv[1:]:
+    exec(open(name).read(), {{}})
 loaded = {{name.partition(".")[0] for name in sys.modules}}
 assert "oorc_receiver" in loaded and not loaded & {{"torch", *{OWN}}}, loaded
 """
@@ -259,14 +260,15 @@ def test_python_of_the_docs_runs_without_the_checkout(elsewhere: Path) -> None:
     run_in(elsewhere, *pip, "--target", "site", str(wheel))
     installed = [path.name for path in (elsewhere / "site").iterdir()]
     assert sorted(name.partition("-")[0] for name in installed) == ["oorc_receiver"] * 2
-    said = []
-    for language, code in SHOWN:
-        if language == "python":
-            (elsewhere / "shown.py").write_text(code)
-            said.append(run_in(elsewhere, sys.executable, "-I", "-c", RUN_ELSEWHERE))
-    assert said[0].strip() == TEXT
-    assert len(said[1].splitlines()) == 1
-    assert len(said[2].split()[0]) == ROBUST.n_bits
+    shown = [code for language, code in SHOWN if language == "python"]
+    names = [f"shown{number}.py" for number in range(len(shown))]
+    for name, code in zip(names, shown, strict=True):
+        (elsewhere / name).write_text(code)
+    said = run_in(elsewhere, sys.executable, "-I", "-c", RUN_ELSEWHERE, *names)
+    first, explanation, pair = said.splitlines()
+    assert first == TEXT
+    assert explanation
+    assert len(pair.split()[0]) == ROBUST.n_bits
 
 
 EVENTS = """
