@@ -141,12 +141,12 @@ def test_evaluate_says_which_methods_hidden_captures_leave_out(
 ) -> None:
     folder, out = tmp_path / "captures", tmp_path / "out"
     command(data_gen_cli.main, "--out", folder, "--frames", 1, "--hidden")
-    methods = ("--methods", "oorc", "hidden_ratex")
+    methods = ("--methods", "oorc", "hidden_ratex", "--jobs", 1)
     done = command(evaluate.main, "--captures", folder, "--out", out, *methods)
     assert "oorc: left out of 1 of 1, it trains on ratex patches" in done.stdout
     rows = json.loads((out / "metrics.json").read_text())["rows"]
     assert [row["method"] for row in rows] == ["hidden_ratex"]
-    alone = ["--captures", folder, "--out", tmp_path / "none", "--methods", "oorc"]
+    alone = ["--captures", folder, "--out", tmp_path / "none", "--methods", "oorc", "--jobs", 1]
     refuses("evaluate", alone, "no method suits what is decoded", began=True, folder=folder)
 
 
@@ -162,5 +162,5 @@ def test_a_refused_run_does_not_occupy_its_folder(
     captures: Path, tmp_path: Path, command: Command
 ) -> None:
     command(evaluate.main, "--captures", tmp_path / "typo", "--out", tmp_path / "out", status=2)
-    flags = ("--methods", "naive", "--no-html")
+    flags = ("--methods", "naive", "--no-html", "--jobs", 1)
     command(evaluate.main, "--captures", captures, "--out", tmp_path / "out", *flags)
