@@ -5,7 +5,7 @@ import zlib
 
 import numpy as np
 import pytest
-from conftest import cases, slow
+from conftest import cases, exhaustive, slow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scores import keeps_scores, listen, noisy
@@ -279,6 +279,7 @@ def test_covered_blocks_and_lost_bursts_of_frames_do_no_harm() -> None:
     assert message.data == data
 
 
+@pytest.mark.slow
 def test_words_of_which_little_can_be_read_are_summed_up_over_frames() -> None:
     """Scores of 0.035 bits; the loop comes round before its length is known."""
     needed = []
@@ -312,7 +313,7 @@ def test_count_that_is_lost_on_fine_grids_is_found_again(announced: bool) -> Non
     assert message.data == data
 
 
-@cases((730, 1800, 0.02), slow(2918, 900, 0.1))
+@cases(slow(730, 1800, 0.02), exhaustive(2918, 900, 0.1))
 def test_a_changed_message_comes_within_two_fine_loops(
     n_bits: int, second: int, ber: float
 ) -> None:

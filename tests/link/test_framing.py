@@ -4,7 +4,7 @@ import hashlib
 
 import numpy as np
 import pytest
-from conftest import cases
+from conftest import cases, exhaustive
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -84,7 +84,7 @@ def test_wrong_messages_are_refused(message: bytes, n_bits: int, says: str) -> N
         encode(message, n_bits)
 
 
-@pytest.mark.parametrize("size", [1, 5, 30, 100])
+@pytest.mark.parametrize("size", [1, exhaustive(5), exhaustive(30), 100])
 @cases((0.001, 0, 1.4), (0.05, 0.1, 4), (0.1, 0.2, 8))
 def test_a_loop_is_joined_anywhere(ber: float, loss: float, loops: float, size: int) -> None:
     rng = np.random.default_rng(size)
@@ -152,7 +152,7 @@ def test_noise_never_makes_a_message() -> None:
 @pytest.mark.parametrize("ber", [0.05, 0.1, 0.2, 0.3])
 def test_a_noisy_message_is_right_or_absent(ber: float) -> None:
     rng = np.random.default_rng(int(100 * ber))
-    for _ in range(50):
+    for _ in range(25):
         data = rng.bytes(int(rng.integers(1, 60)))
         assert decode(noisy(encode(data, N_BITS), ber, rng)) in ((data, False), None)
 

@@ -63,8 +63,9 @@ def test_the_table_counts_what_was_found_and_what_should_not_have_been() -> None
     assert (still["found"], still["found wrongly"][:3]) == ("–", "1 (")
 
 
+@pytest.mark.slow
 def test_of_a_film_in_a_folder_it_is_told_where_the_time_went(tmp_path: Path) -> None:
-    images, corners = robust_film(40)
+    images, corners = robust_film(28)
     lines = []
     for number, (image, quad) in enumerate(zip(images, corners, strict=True)):
         write_image(tmp_path / f"{number:06d}.png", np.repeat(image[:, :, None], 3, axis=2))

@@ -91,7 +91,7 @@ def test_evidence_is_what_a_regression_of_the_signs_says() -> None:
     assert lock.evidence == pytest.approx(-chance - np.log(tried), rel=1e-3)
 
 
-@cases((0.0056, -0.0146), (0.001, -0.0125), (-0.013, 0.006))
+@cases((0.0056, -0.0146), slow(0.001, -0.0125), slow(-0.013, 0.006))
 def test_a_clock_is_fitted_from_the_rough_delays_of_the_code(across: float, down: float) -> None:
     """A display may be written from the side, while the camera reads from the top."""
     clock = DisplayClock(1 / 59.6, 0.3, across, down, 1 / 60)

@@ -6,7 +6,7 @@ from weakref import ref
 import cv2
 import numpy as np
 import pytest
-from conftest import cases, slow
+from conftest import cases, exhaustive, slow
 from pilot_films import (
     BENT_CORNERS,
     BENT_SIZE,
@@ -73,6 +73,7 @@ def test_finds_a_display_to_which_the_camera_turns() -> None:
     assert find(panned_to(images, 45), corners, [FINE])[0] < 75
 
 
+@pytest.mark.slow
 def test_a_search_goes_on_while_the_hand_moves_the_frame_a_little() -> None:
     images, _ = filmed(FINE, 20, seed=0)
     finder = PilotSearch([OTHER], 60.0)
@@ -94,7 +95,7 @@ def test_finds_a_display_that_begins_to_play_late() -> None:
     assert number <= 40 + LEAST_WINDOW
 
 
-@pytest.mark.parametrize("pan", [0.0, slow(8.0)])
+@pytest.mark.parametrize("pan", [exhaustive(0.0), slow(8.0)])
 def test_a_display_whose_picture_moves_is_found_by_what_surrounds_it(pan: float) -> None:
     _, display = find(*filmed(FINE, 40, seed=2, pan=pan, hold=2), [FINE])
     assert display.picture_moves == bool(pan)
@@ -139,13 +140,14 @@ def test_all_blocks_place_the_corners_of_a_display_that_toggles_weakly() -> None
     find(*filmed(FINE, 50, seed=1, kappa=0.24), [FINE], 2 * CLOSE_PX)  # the noise is 1
 
 
+@pytest.mark.slow
 def test_tells_which_way_up() -> None:
     images, corners = filmed(FINE, 30, seed=1)
     turned = [np.ascontiguousarray(image[::-1, ::-1]) for image in images]
     find(turned, [639, 479] - corners, [FINE])
 
 
-@pytest.mark.parametrize("kind", ["still", slow("other layout"), slow("no message")])
+@pytest.mark.parametrize("kind", [slow("still"), slow("other layout"), exhaustive("no message")])
 def test_does_not_find_what_is_not_there(kind: str) -> None:
     if kind == "still":
         images, _ = filmed(FINE, 30, seed=2, hold=10**6)
