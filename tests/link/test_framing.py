@@ -142,10 +142,10 @@ def test_a_new_message_wins_over_the_old_one() -> None:
 def test_noise_never_makes_a_message() -> None:
     rng = np.random.default_rng(4)
     for frames in (3, 5, 9, 17):
-        for _ in range(75):
+        for _ in range(30):
             assert decode(rng.normal(0, rng.uniform(0.5, 8), (frames, N_BITS))) is None
     collector = make_collector(N_BITS)
-    for step in range(200):
+    for step in range(100):
         assert collector.add(rng.normal(0, 6, N_BITS), step) is None
 
 

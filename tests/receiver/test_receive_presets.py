@@ -52,7 +52,7 @@ def read(receiver: Receiver, images: list[Image]) -> bytes | None:
 def test_a_film_of_a_preset_with_pilots_delivers_its_message() -> None:
     receiver = receiver_of(PAPER, ROBUST)
     assert receiver.layout == PAPER
-    images, _ = robust_film(80)
+    images, _ = robust_film(60)
     assert read(receiver, images) == TEXT
     assert receiver.layout == ROBUST
     assert receiver.progress > 0.9
@@ -210,7 +210,7 @@ def test_two_images_of_pilots_give_one_line(
 
 @pytest.mark.slow
 def test_the_command_says_which_preset_is_shown(tmp_path: Path, command: Command) -> None:
-    film = write_film(tmp_path / "film.avi", robust_film(70)[0], codec="FFV1")
+    film = write_film(tmp_path / "film.avi", robust_film(32)[0], codec="FFV1")
     graph = PRETRAINED_PILOTS / "24x32.onnx"
     done = command(receive_cli.main, film, "--model", graph)
     lines = events_of(done.stdout)
@@ -229,7 +229,7 @@ def test_the_command_says_which_preset_is_shown(tmp_path: Path, command: Command
 
 @pytest.mark.slow
 def test_a_mirrored_film_is_read_and_said(tmp_path: Path, command: Command) -> None:
-    for number, image in enumerate(robust_film(40)[0]):
+    for number, image in enumerate(robust_film(32)[0]):
         write_image(tmp_path / f"{number:03d}.png", image[:, ::-1])
     done = command(receive_cli.main, tmp_path)
     assert done.stderr.startswith("note: the film is mirrored")

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import cases, slow
+from conftest import cases, exhaustive, slow
 from pilot_films import FINE, filmed, leaving, without_a_side
 
 from link.clock import DisplayClock, embedded_share
@@ -149,7 +149,7 @@ def test_a_display_with_a_corner_out_of_view_is_found_as_soon_as_others() -> Non
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("share", [0.05, 0.12])
+@pytest.mark.parametrize("share", [exhaustive(0.05), 0.12])
 def test_a_display_with_a_side_out_of_view_is_found(share: float) -> None:
     """By three sides, and by pilots where the fourth is; its corners lie outside the image."""
     images, corners = without_a_side(*filmed(CODED, 80, seed=4, hold=1), share)
