@@ -212,19 +212,16 @@ def test_two_images_of_pilots_give_one_line(
 def test_the_command_says_which_preset_is_shown(tmp_path: Path, command: Command) -> None:
     film = write_film(tmp_path / "film.avi", robust_film(32)[0], codec="FFV1")
     graph = PRETRAINED_PILOTS / "24x32.onnx"
-    done = command(receive_cli.main, film, "--model", graph)
+    done = command(receive_cli.main, film, "--model", graph, "--scores")
     lines = events_of(done.stdout)
     display = next(line for line in lines if line["event"] == "display")
     assert display["preset"] == "robust"
     assert np.shape(display["corners"]) == (4, 2)
     pairs = [line for line in lines if line["event"] == "pair"]
+    assert all(len(line["bits"]) == len(line["scores"]) == ROBUST.n_bits for line in pairs)
     assert pairs
-    assert all("bits" not in line and "scores" not in line for line in pairs)
     said = [line for line in lines if line["event"] == "message"]
     assert [line["text"] for line in said] == [TEXT.decode()]
-    with_scores = events_of(command(receive_cli.main, film, "--model", graph, "--scores").stdout)
-    pair = next(line for line in with_scores if line["event"] == "pair")
-    assert len(pair["bits"]) == len(pair["scores"]) == ROBUST.n_bits
 
 
 @pytest.mark.slow
@@ -233,7 +230,9 @@ def test_a_mirrored_film_is_read_and_said(tmp_path: Path, command: Command) -> N
         write_image(tmp_path / f"{number:03d}.png", image[:, ::-1])
     done = command(receive_cli.main, tmp_path)
     assert done.stderr.startswith("note: the film is mirrored")
-    assert TEXT.decode() in [each.get("text") for each in events_of(done.stdout)]
+    lines = events_of(done.stdout)
+    assert TEXT.decode() in [each.get("text") for each in lines]
+    assert not [line for line in lines if "bits" in line or "scores" in line]  # without --scores
 
 
 def test_presets_are_named_by_their_layouts() -> None:
