@@ -52,7 +52,7 @@ def even(level: int) -> Image:
 
 
 @pytest.mark.slow
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 10_000), view=st.floats(-60, 60), coverage=st.floats(0.05, 0.9))
 def test_the_whole_picture_is_in_view(seed: int, view: float, coverage: float) -> None:
     made = drawn(seed, view, replace(SMALL, coverage=coverage))
@@ -80,13 +80,13 @@ def test_more_than_fits_gives_the_largest_that_fits() -> None:
 
 @pytest.mark.slow
 def test_turns_views_places_rooms_and_screens_vary() -> None:
-    made = [drawn(seed, 20.0) for seed in range(40)]
+    made = [drawn(seed, 20.0) for seed in range(20)]
     quarters = {round(s.pose.roll_deg / 90) % 4 for s in made}
     assert quarters == {0, 1, 2, 3}
     assert {s.room for s in made} == set(ROOMS)
     centres = np.array([s.corners.mean(axis=0) for s in made])
     assert (np.ptp(centres, axis=0) > [60, 15]).all()
-    assert len({background(s).tobytes() for s in made}) == 40
+    assert len({background(s).tobytes() for s in made}) == 20
 
 
 @pytest.mark.parametrize("room", ROOMS)

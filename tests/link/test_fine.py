@@ -191,7 +191,7 @@ def test_terms_of_short_messages_are_guessed_from_some_words(heard: str, enough:
 def test_terms_are_guessed_where_words_are_unsure_and_not_from_noise_or_of_long_messages() -> None:
     rng = np.random.default_rng(3)
     found, read = {"short": 0, "long": 0, "noise": 0}, 0
-    for _ in range(100):
+    for _ in range(40):
         mark, n_bytes = int(rng.integers(2**24)), int(rng.integers(1, 257))
         told = {"short": Terms(n_bytes, 32, mark), "long": Terms(n_bytes + 256, 32, mark)}
         for kind in found:
@@ -202,8 +202,8 @@ def test_terms_are_guessed_where_words_are_unsure_and_not_from_noise_or_of_long_
             assert guessed is None or guessed == told.get(kind)
             found[kind] += guessed is not None
             read += read_terms(words.argmax(axis=1), 2765) is not None
-    assert found["short"] > 80 and not found["long"] + found["noise"], found
-    assert read < 50  # of 200 that have terms, where each word is read by itself
+    assert found["short"] > 32 and not found["long"] + found["noise"], found
+    assert read < 20  # of 80 that have terms, where each word is read by itself
 
 
 @settings(max_examples=40)

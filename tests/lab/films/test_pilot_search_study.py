@@ -45,7 +45,7 @@ def test_a_display_is_found_and_one_without_a_message_is_not() -> None:
     assert found.right
     assert found.found_s is not None and found.found_s < 1.5
     assert 0.1 < found.coverage < 0.65
-    plain = search_film(SearchTake("robust", "film", 0, 0.7, "canon-lg", 0))
+    plain = search_film(SearchTake("robust", "film", 0, 0.2, "canon-lg", 0))
     assert not plain.right
     assert plain.found_s is None
 
