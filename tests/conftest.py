@@ -28,7 +28,8 @@ if TYPE_CHECKING:  # imported where they are used: the process that starts the w
 ROOT = Path(__file__).parents[1]
 """Folder of the repository."""
 
-settings.register_profile("suite", deadline=None, derandomize=True)  # the same on every machine
+# The same examples on every machine, and fewer than the usual 100 where a test names no number.
+settings.register_profile("suite", deadline=None, derandomize=True, max_examples=40)
 settings.load_profile("suite")
 
 # The suite's tensors are small, and its workers share the cores. torch, OpenCV and NumPy read

@@ -86,6 +86,7 @@ def test_runtime_decodes_captured_images_with_corners(images: Path, captured: Ca
     assert np.mean(np.array(json.loads(done.stdout)["bits"]) == captured.bits) > 0.8
 
 
+@pytest.mark.slow
 def test_the_corners_of_the_embedded_image_count(
     in_images: None, captured: Captured, command: Command
 ) -> None:

@@ -230,6 +230,7 @@ def test_settings_say_the_layout_and_not_how_it_was_asked_for() -> None:
     assert (same[0]["pilots"], same[0]["ratex"]) == (16, 0)
 
 
+@pytest.mark.slow
 def test_methods_that_train_on_what_the_layout_lacks_are_left_out(tmp_path: Path) -> None:
     cells, file = (Cell("canon-lg", 0.0, 5),), tmp_path / "predictions.jsonl"
     bare = Condition("bare", Source(replace(FINE_LAYOUT, pilots=0)), cells, 1)

@@ -92,7 +92,9 @@ def test_messages_that_take_turns_come_in_turn() -> None:
     assert came == texts * 3
 
 
-@pytest.mark.parametrize("again", ["a signature each frame that counts on", "a run of its own"])
+@pytest.mark.parametrize(
+    "again", ["a signature each frame that counts on", slow("a run of its own")]
+)
 def test_a_message_that_is_shown_on_is_returned_once(again: str) -> None:
     rng = np.random.default_rng(1)
     collector, came = make_collector(N_BITS), []

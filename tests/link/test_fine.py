@@ -119,7 +119,7 @@ def collected(scores: Array) -> tuple[bytes, bool] | None:
     return next(((message.data, message.signed) for message in came if message), None)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(
     st.binary(min_size=1, max_size=1500),
     st.sampled_from(GRIDS),
@@ -298,7 +298,7 @@ def test_words_of_which_little_can_be_read_are_summed_up_over_frames() -> None:
     assert (min(needed), np.median(needed), max(needed)) == (11, 12, 23)  # as docs/formats.md says
 
 
-@pytest.mark.parametrize("announced", [True, False])
+@pytest.mark.parametrize("announced", [True, slow(False)])
 def test_count_that_is_lost_on_fine_grids_is_found_again(announced: bool) -> None:
     rng = np.random.default_rng(2)
     data = rng.bytes(1000)

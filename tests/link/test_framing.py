@@ -4,7 +4,7 @@ import hashlib
 
 import numpy as np
 import pytest
-from conftest import cases, exhaustive
+from conftest import cases, exhaustive, slow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -85,7 +85,7 @@ def test_wrong_messages_are_refused(message: bytes, n_bits: int, says: str) -> N
 
 
 @pytest.mark.parametrize("size", [1, exhaustive(5), exhaustive(30), 100])
-@cases((0.001, 0, 1.4), (0.05, 0.1, 4), (0.1, 0.2, 8))
+@cases((0.001, 0, 1.4), (0.05, 0.1, 4), slow(0.1, 0.2, 8))
 def test_a_loop_is_joined_anywhere(ber: float, loss: float, loops: float, size: int) -> None:
     rng = np.random.default_rng(size)
     data = rng.bytes(size)
@@ -149,7 +149,7 @@ def test_noise_never_makes_a_message() -> None:
         assert collector.add(rng.normal(0, 6, N_BITS), step) is None
 
 
-@pytest.mark.parametrize("ber", [0.05, 0.1, 0.2, 0.3])
+@pytest.mark.parametrize("ber", [0.05, slow(0.1), 0.2, slow(0.3)])
 def test_a_noisy_message_is_right_or_absent(ber: float) -> None:
     rng = np.random.default_rng(int(100 * ber))
     for _ in range(25):

@@ -121,7 +121,8 @@ def spoils(kind: str) -> object:
     return spoil
 
 
-@cases("passer-by", slow("dropped"))
+@pytest.mark.slow
+@cases("passer-by", "dropped")
 def test_disturbances(kind: str, decoder: Decoder, states: list[Image]) -> None:
     _, data = listen(decoder, states, Stream(), seconds=12, spoil=spoils(kind))
     assert data == TEXT

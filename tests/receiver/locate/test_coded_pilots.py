@@ -126,7 +126,8 @@ def found_in(
     return None
 
 
-@cases((30.0, 0.5), slow(120.0, 2))
+@pytest.mark.slow
+@cases((30.0, 0.5), (120.0, 2))
 def test_a_display_is_found_by_its_code(fps: float, hold: float) -> None:
     """At half the display's rate, too, where pilots without a code stand still.
 

@@ -58,7 +58,8 @@ def test_a_display_with_a_corner_out_of_view_is_found(corner: int) -> None:
     assert error_in_view(found.corners, corners) < IN_VIEW_PX
 
 
-@pytest.mark.parametrize("cells", [((0, 0), (7, 7)), slow(((7, 0),))])
+@pytest.mark.slow
+@pytest.mark.parametrize("cells", [((0, 0), (7, 7)), ((7, 0),)])
 def test_a_display_with_covered_patches_is_found(cells: tuple[tuple[int, int], ...]) -> None:
     shown = content(LAYOUT)
     for row, col in cells:
