@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ROOT, Command, Refuses, cases, run_process, slow
+from conftest import ROOT, Command, Refuses, cases, exhaustive, run_process, slow
 from numpy.typing import NDArray
 from streams import Stream, events_of, seen_frame, states_of, write_film
 
@@ -73,7 +73,7 @@ def listen(
 
 
 @cases(
-    slow(Stream()),
+    exhaustive(Stream()),
     slow(Stream(turn=2, readout=0.02)),
     ids=lambda s: f"{s.state_hz}Hz_{s.fps:.0f}fps_turn{s.turn}",
 )
