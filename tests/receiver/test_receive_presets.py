@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from conftest import Command, Refuses, cases
 from pilot_films import CORNERS, TEXT, BlockMeans, filmed, robust_film, texture
-from streams import Stream, events_of, states_of, write_film
+from streams import events_of, write_film
 
 import receiver.__main__ as receive_cli
 import receiver.decoders as decoders_module
-from export.runtime import Decoder
 from link.embed import embed
 from link.errors import InputError
 from link.frames import SoftBits
@@ -61,24 +60,6 @@ def test_a_film_of_a_preset_with_pilots_delivers_its_message() -> None:
     assert receiver.state_hz == pytest.approx(15.0, rel=0.02)  # of a second of film
     assert receiver.decoded >= 2
     assert receiver.observations.found == receiver.found > 20
-
-
-@pytest.mark.slow
-def test_a_film_with_patches_is_read_among_all_presets() -> None:
-    """The decoder of the patches is the one that is asked, whatever others there are."""
-    decoders = [Decoder(PRETRAINED / "decoder.onnx", threads=1, time_limit_s=60.0)]
-    others = [BlockMeans(preset.layout) for preset in PRESETS.values() if preset.layout.pilots]
-    receiver = Receiver([*decoders, *others], 30.0)
-    states = states_of(TEXT, PAPER, np.random.default_rng(5))
-    message = None
-    for time, image, _ in Stream().frames(states, 6, np.random.default_rng(6)):
-        step = receiver.push(image, time)
-        message = message or step.message
-        if message is not None:
-            break
-    assert message.data == TEXT
-    assert receiver.layout == PAPER
-    assert sum(other.pairs for other in others) == 0
 
 
 def test_decoders_are_one_for_each_layout() -> None:

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import cases, exhaustive, slow
-from pilot_films import FINE, filmed, leaving, without_a_side
+from pilot_films import filmed, leaving, without_a_side
 
 from link.clock import DisplayClock, embedded_share
 from link.layout import Layout, make_layout
-from link.pilot_code import PLAIN, STATE_HZ, PilotCode
+from link.pilot_code import STATE_HZ, PilotCode
 from link.pilots import pilot_centres, pilot_signs
 from link.types import Array
 from receiver.pilots.code import (
@@ -161,12 +161,6 @@ def test_a_display_with_a_side_out_of_view_is_found(share: float) -> None:
             break
     assert display is not None
     assert np.abs(display.corners - corners[number]).max() < 2.0
-
-
-@pytest.mark.slow
-def test_pilots_without_a_code_stand_still_before_a_slow_camera() -> None:
-    assert FINE.code == PLAIN
-    assert found_in(FINE, [FINE], 30.0, 0.5, 40) is None
 
 
 def test_a_gap_between_frames_does_not_multiply_the_clocks_that_are_tried() -> None:
