@@ -11,7 +11,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, Command, cases, files_in, run_process
+from conftest import ROOT, Command, cases, exhaustive, files_in, run_process
 
 DIE = """
 import os, signal, sys
@@ -44,7 +44,9 @@ def written(folder: Path) -> dict[Path, bytes]:
 
 @pytest.mark.slow
 @cases(
-    ("data_gen.__main__", "--frames 2 --width 256 --height 192", "out", "00001_original.png"),
+    exhaustive(
+        "data_gen.__main__", "--frames 2 --width 256 --height 192", "out", "00001_original.png"
+    ),
     ("data_gen.video", FILM, "out.mkv", "out.jsonl"),
     ("sender.__main__", SEND, "out", "sent.json"),
 )
