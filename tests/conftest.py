@@ -28,7 +28,8 @@ if TYPE_CHECKING:  # imported where they are used: the process that starts the w
 ROOT = Path(__file__).parents[1]
 """Folder of the repository."""
 
-settings.register_profile("suite", deadline=None, derandomize=True)  # the same on every machine
+# The same examples on every machine, and fewer than the usual 100 where a test names no number.
+settings.register_profile("suite", deadline=None, derandomize=True, max_examples=40)
 settings.load_profile("suite")
 
 # The suite's tensors are small, and its workers share the cores. torch, OpenCV and NumPy read
@@ -352,6 +353,14 @@ def site(node: None, make_once: MakeOnce) -> Path:
     from web.host.site import build_site
 
     return make_once("site", lambda empty: build_site(empty / "web")) / "web"
+
+
+@pytest.fixture(scope="session")
+def npm_package(node: None, make_once: MakeOnce) -> Path:
+    """Folder node_modules with the npm package, beside what npm would install with it."""
+    from test_npm import install_package
+
+    return make_once("npm_package", install_package) / "node_modules"
 
 
 @pytest.fixture(scope="session")

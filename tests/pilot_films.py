@@ -91,7 +91,7 @@ def filmed(
             bits.reshape(layout.rows, layout.cols), (layout.width, layout.height), interpolation=0
         )
         moved = np.roll(picture, round(pan * (state // 2)), axis=1)
-        shown = moved + sign * kappa * change
+        shown = np.asarray(moved + sign * kappa * change, np.float32)
         motion = np.eye(3)
         motion[:2, 2] = (9 if parallax else 3) * np.sin([number / 7, number / 9])
         view = cv2.warpPerspective(shown, motion @ H, (640, 480))
@@ -102,7 +102,7 @@ def filmed(
         image = mask * view + (1 - mask) * room
         if night:
             image *= 0.06
-        image = image + rng.normal(0, 1, (480, 640))
+        image += rng.standard_normal((480, 640), np.float32)
         images.append(np.clip(image + 0.5, 0, 255).astype(np.uint8))
         corners = np.concatenate([corners, transform(motion, CORNERS)[None]])
     return images, corners

@@ -61,6 +61,7 @@ class Stream:
         """Time, RGB image and true corners of each camera frame."""
         width, height = self.size
         room = cv2.GaussianBlur(rng.random((height, width, 3), np.float32), (0, 0), 6) * 0.4
+        noise = self.noise * rng.standard_normal((2 * height, 2 * width, 3), np.float32)
         light = [(state / np.float32(255)) ** np.float32(2.2) for state in states]
         rows = np.arange(height) / height
         for number in range(int(seconds * self.fps)):
@@ -79,8 +80,9 @@ class Stream:
                 if share.max() > 0:
                     shown = light[state % len(light)]
                     image += share * cv2.warpPerspective(shown, H, self.size)
-            encoded = 235 * np.clip(image, 0, 1) ** (1 / 2.2)
-            encoded += self.noise * rng.standard_normal(encoded.shape)
+            encoded = 235 * cv2.pow(np.clip(image, 0, 1), 1 / 2.2)
+            top, left = rng.integers(0, (height, width))  # a frame takes a part of the noise
+            encoded += noise[top : top + height, left : left + width]
             yield time, np.clip(encoded + 0.5, 0, 255).astype(np.uint8), corners
 
 

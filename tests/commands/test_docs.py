@@ -141,9 +141,10 @@ def test_the_effect_that_the_docs_add_works(tmp_path: Path) -> None:
     for name, diff in diffs:
         file = tmp_path / name
         file.write_text(applied(diff, file.read_text()))
-    for name, flags in (("night", "--set warmth=0.4"), ("day", "--without night")):
-        run = f"--pair canon-lg --view 45 --kappa 3 --frames 1 {flags} --out {name}"
-        run_process(sys.executable, "-m", "data_gen", *run.split(), cwd=tmp_path)
+    run = "sys.argv[1:] = '--view 45 --frames 1 {} --out {}'.split(); main()\n"
+    script = "import sys; from data_gen.__main__ import main\n"
+    script += run.format("--set warmth=0.4", "night") + run.format("--without night", "day")
+    run_process(sys.executable, "-c", script, cwd=tmp_path)
     night, day = (read_image(tmp_path / name / "00000_original.png") for name in ("night", "day"))
     red, _, blue = np.mean(night, axis=(0, 1)) / np.mean(day, axis=(0, 1))
     assert blue < 0.9 < red

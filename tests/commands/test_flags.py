@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 import tyro
-from conftest import Command, Refuses, cases, run_process
+from conftest import Command, Refuses, cases, run_process, slow
 
 from lab.__main__ import STUDIES
 from link import __version__
@@ -90,7 +90,9 @@ def _numbers_of_fields(kind: Any, prefix: str | None) -> Iterator[tuple[str, tup
             yield f"--{name}", (choices[0], sum(part in (int, float) for part in choices))
 
 
-@pytest.mark.parametrize("name", commands())
+@pytest.mark.parametrize(
+    "name", [slow(name) if name == "data_gen.video" else name for name in commands()]
+)
 def test_numbers_that_no_flag_takes(
     name: str, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:

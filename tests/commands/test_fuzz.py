@@ -66,7 +66,7 @@ VALUES = st.recursive(
 )
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(st.dictionaries(st.sampled_from([*KNOWN, "pair", "view_deg", "x"]), VALUES, max_size=3))
 def test_manifests_of_any_values_are_refused_or_read(
     tmp_path_factory: pytest.TempPathFactory, changes: dict[str, object]
@@ -217,7 +217,7 @@ CHANGES: list[Callable[..., Image]] = [noise, shuffled, cut, flat, mirrored]
 
 
 @pytest.mark.slow
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_frames_of_any_content_and_size_in_any_order(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -48,23 +48,31 @@ def parsed(file: Path) -> ast.Module:
     return ast.parse((ROOT / file).read_text())
 
 
+@cache
+def import_statements(file: Path) -> list[ast.Import | ast.ImportFrom]:
+    """Any of a file, wherever they stand."""
+    return [
+        node for node in ast.walk(parsed(file)) if isinstance(node, ast.Import | ast.ImportFrom)
+    ]
+
+
 def layer(file: Path) -> str:
     return file.parts[0].removesuffix(".py")
 
 
-def imported(tree: ast.AST) -> Iterator[str]:
-    """Names of the modules that any statement of a file imports, wherever it stands."""
-    for node in ast.walk(tree):
+def imported(file: Path) -> Iterator[str]:
+    """Names of the modules that any statement of a file imports."""
+    for node in import_statements(file):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
+        else:
             assert node.level == 0, "imports are absolute"
             assert node.module is not None
             yield node.module
 
 
 def packages_of(file: Path) -> set[str]:
-    return {name.partition(".")[0] for name in imported(parsed(file))}
+    return {name.partition(".")[0] for name in imported(file)}
 
 
 def tracked() -> list[str]:
@@ -95,10 +103,10 @@ def test_no_module_imports_itself_by_way_of_others() -> None:
     graph: dict[str, set[str]] = {}
     for module, file in modules.items():
         graph[module] = set()
-        for node in ast.walk(parsed(file)):
+        for node in import_statements(file):
             if isinstance(node, ast.Import):
                 graph[module] |= {alias.name for alias in node.names}
-            elif isinstance(node, ast.ImportFrom):
+            else:
                 inside = {f"{node.module}.{alias.name}" for alias in node.names}
                 graph[module] |= inside & set(modules)
                 if any(name not in modules for name in inside):
@@ -231,6 +239,7 @@ def test_every_module_that_should_imports_without_torch() -> None:
         "receiver",
         "sender",
         *(".".join(f.with_suffix("").parts) for f in wanted),
+        "evaluate",  # its workers load torch, and the main process would for nothing
     ]
     modules = [name.removesuffix(".__init__") for name in names]
     run_without(["torch", "kornia"], "\n".join(f"import {name}" for name in modules))
@@ -262,9 +271,3 @@ import_module("sender.__main__").main()
 def test_sender_and_receiver_lock_where_the_system_has_no_flock(tmp_path: Path) -> None:
     run_without(["fcntl"], SEND_WITHOUT_FLOCK, tmp_path, ROOT / "docs" / "ablation.png")
     assert [file.name for file in tmp_path.iterdir()] == ["x.html"]
-
-
-@pytest.mark.slow
-def test_evaluation_starts_without_torch() -> None:
-    """Workers that decode with it load it; the main process would spend two seconds for nothing."""
-    run_without(["torch", "kornia"], "import evaluate")

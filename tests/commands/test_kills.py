@@ -11,7 +11,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, Command, cases, files_in, run_process
+from conftest import ROOT, Command, cases, exhaustive, files_in, run_process
 
 DIE = """
 import os, signal, sys
@@ -29,6 +29,7 @@ import_module(module).main()
 """
 RANDOM = re.compile(rb"(?s)\x73\xa4\x90.{16}|[\x73\x63]\xc5\x88.{8}|\xbf\x84.{4}")
 """Elements at the start of a Matroska file: SegmentUID, TrackUID, TagTrackUID, CRC-32."""
+STILLS = "--frames 2 --width 256 --height 192"
 FILM = "--message hi --seconds 0.5 --size 160 120"
 SEND = f"{ROOT / 'docs' / 'ablation.png'} --message hello --preset paper "
 SEND += "--rows 5 --cols 6 --ratex 2 --width 120 --height 80 --size 240x160"
@@ -44,7 +45,7 @@ def written(folder: Path) -> dict[Path, bytes]:
 
 @pytest.mark.slow
 @cases(
-    ("data_gen.__main__", "--frames 2 --width 256 --height 192", "out", "00001_original.png"),
+    exhaustive("data_gen.__main__", STILLS, "out", "00001_original.png"),
     ("data_gen.video", FILM, "out.mkv", "out.jsonl"),
     ("sender.__main__", SEND, "out", "sent.json"),
 )

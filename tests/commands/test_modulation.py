@@ -83,7 +83,7 @@ def test_simulated_captures_carry_the_layout(tmp_path: Path, command: Command) -
     (entry,) = read_manifest(tmp_path / "out")
     assert entry.load().layout == FINE_LAYOUT
     done = command(evaluate.main, "--captures", tmp_path / "out", "--out", tmp_path / "run",
-                   "--methods", "oorc", "two_step", "naive", "--no-html")  # fmt: skip
+                   "--methods", "oorc", "two_step", "naive", "--no-html", "--jobs", 1)  # fmt: skip
     assert "two_step: left out of 1 of 1, it trains on ratex patches" in done.stdout
     assert "| oorc |" in done.stdout
 
@@ -104,7 +104,7 @@ def test_each_capture_is_decoded_by_the_checkpoint_for_its_layout(
     for folder, pairs in (("both/patches", 1), ("both/pilots", 1), ("both", 2)):
         out = tmp_path / f"of {pairs} {folder.replace('/', ' ')}"
         done = command(evaluate.main, "--captures", tmp_path / folder, "--out", out,
-                       "--methods", "learned", "oorc", "--no-html")  # fmt: skip
+                       "--methods", "learned", "oorc", "--no-html", "--jobs", 1)  # fmt: skip
         assert "left out" not in done.stdout
         records = read_predictions(out / "predictions.jsonl")
         assert (records["method"] == "learned").sum() == pairs
@@ -230,6 +230,7 @@ def test_settings_say_the_layout_and_not_how_it_was_asked_for() -> None:
     assert (same[0]["pilots"], same[0]["ratex"]) == (16, 0)
 
 
+@pytest.mark.slow
 def test_methods_that_train_on_what_the_layout_lacks_are_left_out(tmp_path: Path) -> None:
     cells, file = (Cell("canon-lg", 0.0, 5),), tmp_path / "predictions.jsonl"
     bare = Condition("bare", Source(replace(FINE_LAYOUT, pilots=0)), cells, 1)

@@ -158,6 +158,7 @@ def test_a_step_without_a_finite_loss_changes_nothing(episodes: EpisodeSet) -> N
     assert parameters(module) == before
 
 
+@pytest.mark.slow
 def test_the_same_seed_trains_the_same_parameters(episodes: EpisodeSet, tmp_path: Path) -> None:
     torch.manual_seed(1)
     one = trained(episodes, tmp_path / "one")
@@ -212,6 +213,7 @@ def test_a_state_that_is_no_state_is_refused_in_one_line(
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.slow
 def test_a_state_of_other_settings_is_not_continued(episodes: EpisodeSet, tmp_path: Path) -> None:
     other = replace(CONFIG, lr=0.01)
     trained(episodes, tmp_path / "used", other)

@@ -1,5 +1,6 @@
 """The whole channel: what one call of `capture` promises."""
 
+import functools
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -148,6 +149,11 @@ def frame_of_a_film(pair: Pair) -> Image:
     return next(stream.film([SCENE.original], SCENE.layout, pair, 0.0, settings, rng)).rgb
 
 
+@functools.cache
+def exposed_as_usual(expose: Callable[[Pair], Image]) -> Image:
+    return expose(get_pair("canon-lg"))
+
+
 @pytest.mark.parametrize("expose", [still, still_in_a_room, frame_of_a_film])
 @cases(
     (composition.Emission, "light"),
@@ -159,7 +165,7 @@ def test_stills_scenes_and_films_pass_through_the_same_stages(
     """An effect that is added to a stage of the composition reaches all of them."""
     if name == "pwm_gain" and expose is frame_of_a_film:
         holder, name = panel, "pulsed_gain"  # films have the pulses in the display's light
-    usual, stage = expose(get_pair("canon-lg")), getattr(holder, name)
+    usual, stage = exposed_as_usual(expose), getattr(holder, name)
 
     def weaker(*args: Any) -> NDArray[Any]:
         made = stage(*args)
@@ -249,19 +255,18 @@ def test_frontal_white_is_stored_just_below_clipping(name: str) -> None:
 # The draws
 
 
-@pytest.mark.parametrize("effect", EFFECTS)
-def test_switching_an_effect_off_leaves_the_draws_of_the_others(effect: str) -> None:
+def test_switching_an_effect_off_leaves_the_draws_of_the_others() -> None:
     def drawn(pair: Pair) -> tuple[Any, Captured]:
         rng = np.random.default_rng(5)
         captured = capture(SCENE, pair, 20.0, rng)
         return (rng.bit_generator.state, rng.random(), rng.spawn(1)[0].random()), captured
 
-    (state, full), (state_without, without) = (
-        drawn(pair) for pair in (get_pair("sony-lg"), switch_off(get_pair("sony-lg"), [effect]))
-    )
-    assert state == state_without
-    if effect not in ("perspective", "corners"):
-        assert np.array_equal(full.corners, without.corners)
+    state, full = drawn(get_pair("sony-lg"))
+    for effect in EFFECTS:
+        state_without, without = drawn(switch_off(get_pair("sony-lg"), [effect]))
+        assert state == state_without, effect
+        if effect not in ("perspective", "corners"):
+            assert np.array_equal(full.corners, without.corners), effect
 
 
 @pytest.mark.parametrize("effect", sorted({"corners", "noise", "jpeg", "flicker", "jitter"}))

@@ -92,6 +92,7 @@ def test_message_bits_are_balanced() -> None:
     assert abs(bits.mean() - 0.5) < 0.05  # 1400 bits: 3.7 standard errors
 
 
+@pytest.mark.slow
 def test_the_hidden_variant_shares_the_pose_and_the_picture(layout: Layout) -> None:
     for index in range(3):
         plain = FramePair(Source(layout), OBLIQUE, index).captured

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Refuses
+from conftest import Refuses, slow
 
 from data_gen.film.message import FilmSettings, Take, film_message
 from data_gen.pictures.carriers import open_carrier
@@ -71,7 +71,7 @@ def test_states_show_the_picture_of_their_time_and_the_loops_bits() -> None:
     assert np.array_equal(in_step(0).astype(int) + in_step(1), 2 * grays[0].astype(int))
 
 
-@pytest.mark.parametrize("carriers", ["moving", "cuts"])
+@pytest.mark.parametrize("carriers", ["moving", slow("cuts")])
 def test_films_with_moving_carriers_are_filmed_alike_each_time(carriers: str) -> None:
     settings = FilmSettings(
         kappa=1, preset="hidden", state_hz=60.0, carriers=carriers, size=(320, 240)

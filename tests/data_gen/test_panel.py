@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from tolerances import FLOAT32, PHASE_MEAN
 
@@ -68,6 +68,7 @@ def test_a_panel_refreshes_as_often_as_states_come() -> None:
     assert level.min() == pytest.approx(100, abs=0.1)
 
 
+@settings(max_examples=30)
 @given(
     st.lists(st.integers(0, 255), min_size=3, max_size=3),
     st.floats(0.05, 0.2),

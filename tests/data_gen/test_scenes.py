@@ -52,7 +52,7 @@ def even(level: int) -> Image:
 
 
 @pytest.mark.slow
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 10_000), view=st.floats(-60, 60), coverage=st.floats(0.05, 0.9))
 def test_the_whole_picture_is_in_view(seed: int, view: float, coverage: float) -> None:
     made = drawn(seed, view, replace(SMALL, coverage=coverage))
@@ -80,19 +80,19 @@ def test_more_than_fits_gives_the_largest_that_fits() -> None:
 
 @pytest.mark.slow
 def test_turns_views_places_rooms_and_screens_vary() -> None:
-    made = [drawn(seed, 20.0) for seed in range(40)]
+    made = [drawn(seed, 20.0) for seed in range(20)]
     quarters = {round(s.pose.roll_deg / 90) % 4 for s in made}
     assert quarters == {0, 1, 2, 3}
     assert {s.room for s in made} == set(ROOMS)
     centres = np.array([s.corners.mean(axis=0) for s in made])
     assert (np.ptp(centres, axis=0) > [60, 15]).all()
-    assert len({background(s).tobytes() for s in made}) == 40
+    assert len({background(s).tobytes() for s in made}) == 20
 
 
 @pytest.mark.parametrize("room", ROOMS)
 def test_rooms_are_as_bright_as_they_say(room: str) -> None:
     low, high = ROOMS[room]
-    for seed in range(5):
+    for seed in range(3):
         made = drawn(seed, 0.0, replace(SMALL, room=room, second_display=False, window=False))
         assert low <= made.level <= high
         assert 0.02 * low < np.median(background(made)) < high

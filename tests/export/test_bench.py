@@ -2,12 +2,14 @@
 
 import json
 
+import pytest
 from conftest import Command
 
 from export import bench
 from models import PRETRAINED, PRETRAINED_PILOTS
 
 
+@pytest.mark.slow
 def test_bench_prints_ratios_to_two_warps(command: Command) -> None:
     done = command(bench.main, PRETRAINED / "decoder.onnx", "--rounds", 2, "--warmup", 0)
     result = json.loads(done.stdout.splitlines()[-1])

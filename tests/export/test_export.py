@@ -12,7 +12,7 @@ import onnx
 import onnxruntime
 import pytest
 import torch
-from conftest import cases, refusal, run_process
+from conftest import cases, refusal, run_process, slow
 from numpy.typing import NDArray
 from tolerances import ONNX_SCORE
 
@@ -81,7 +81,7 @@ def batch(frames: list[Image]) -> Image:
 # Parity
 
 
-@pytest.mark.parametrize("start", [0, 3, 6])
+@pytest.mark.parametrize("start", [0, slow(3), slow(6)])
 def test_torch_and_onnxruntime_agree_on_a_batch(
     module: PhiDecoder, model: bytes, unseen: list[Observation], start: int
 ) -> None:

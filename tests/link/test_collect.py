@@ -5,7 +5,7 @@ from collections.abc import Iterable
 
 import numpy as np
 import pytest
-from conftest import cases, slow
+from conftest import cases, exhaustive, slow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -62,8 +62,8 @@ def other_message(kind: str, first: bytes, rng: np.random.Generator) -> bytes:
 
 
 @pytest.mark.parametrize("kind", ["of equal length", "with one bit changed", "longer", "shorter"])
-@pytest.mark.parametrize("ber", [0.05, slow(0.1)])
-@pytest.mark.parametrize("begins", ["in step", "anywhere"])
+@pytest.mark.parametrize("ber", [0.05, exhaustive(0.1)])
+@pytest.mark.parametrize("begins", [slow("in step"), "anywhere"])
 def test_a_changed_message_comes_within_two_loops(kind: str, ber: float, begins: str) -> None:
     """After 50 loops of another, which does not come again."""
     rng = np.random.default_rng(zlib.crc32(f"{kind}{begins}".encode()))
@@ -92,7 +92,9 @@ def test_messages_that_take_turns_come_in_turn() -> None:
     assert came == texts * 3
 
 
-@pytest.mark.parametrize("again", ["a signature each frame that counts on", "a run of its own"])
+@pytest.mark.parametrize(
+    "again", ["a signature each frame that counts on", slow("a run of its own")]
+)
 def test_a_message_that_is_shown_on_is_returned_once(again: str) -> None:
     rng = np.random.default_rng(1)
     collector, came = make_collector(N_BITS), []
@@ -145,7 +147,7 @@ def test_disturbances_are_no_change(kind: str, every: int, starts: float, attemp
     assert [message.changed for _, message in came] == [True]
 
 
-@cases("noise", "bodies of noise", "a third is covered and looks certain")
+@cases("noise", slow("bodies of noise"), slow("a third is covered and looks certain"))
 def test_a_change_after_a_bad_time_comes_soon(kind: str) -> None:
     rng = np.random.default_rng(3)
     loops = [encode(rng.bytes(30), N_BITS) for _ in range(2)]

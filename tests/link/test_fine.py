@@ -5,7 +5,7 @@ import zlib
 
 import numpy as np
 import pytest
-from conftest import cases, slow
+from conftest import cases, exhaustive, slow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scores import keeps_scores, listen, noisy
@@ -119,7 +119,7 @@ def collected(scores: Array) -> tuple[bytes, bool] | None:
     return next(((message.data, message.signed) for message in came if message), None)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(
     st.binary(min_size=1, max_size=1500),
     st.sampled_from(GRIDS),
@@ -191,7 +191,7 @@ def test_terms_of_short_messages_are_guessed_from_some_words(heard: str, enough:
 def test_terms_are_guessed_where_words_are_unsure_and_not_from_noise_or_of_long_messages() -> None:
     rng = np.random.default_rng(3)
     found, read = {"short": 0, "long": 0, "noise": 0}, 0
-    for _ in range(100):
+    for _ in range(40):
         mark, n_bytes = int(rng.integers(2**24)), int(rng.integers(1, 257))
         told = {"short": Terms(n_bytes, 32, mark), "long": Terms(n_bytes + 256, 32, mark)}
         for kind in found:
@@ -202,8 +202,8 @@ def test_terms_are_guessed_where_words_are_unsure_and_not_from_noise_or_of_long_
             assert guessed is None or guessed == told.get(kind)
             found[kind] += guessed is not None
             read += read_terms(words.argmax(axis=1), 2765) is not None
-    assert found["short"] > 80 and not found["long"] + found["noise"], found
-    assert read < 50  # of 200 that have terms, where each word is read by itself
+    assert found["short"] > 32 and not found["long"] + found["noise"], found
+    assert read < 20  # of 80 that have terms, where each word is read by itself
 
 
 @settings(max_examples=40)
@@ -279,6 +279,7 @@ def test_covered_blocks_and_lost_bursts_of_frames_do_no_harm() -> None:
     assert message.data == data
 
 
+@pytest.mark.slow
 def test_words_of_which_little_can_be_read_are_summed_up_over_frames() -> None:
     """Scores of 0.035 bits; the loop comes round before its length is known."""
     needed = []
@@ -297,7 +298,7 @@ def test_words_of_which_little_can_be_read_are_summed_up_over_frames() -> None:
     assert (min(needed), np.median(needed), max(needed)) == (11, 12, 23)  # as docs/formats.md says
 
 
-@pytest.mark.parametrize("announced", [True, False])
+@pytest.mark.parametrize("announced", [True, slow(False)])
 def test_count_that_is_lost_on_fine_grids_is_found_again(announced: bool) -> None:
     rng = np.random.default_rng(2)
     data = rng.bytes(1000)
@@ -312,7 +313,7 @@ def test_count_that_is_lost_on_fine_grids_is_found_again(announced: bool) -> Non
     assert message.data == data
 
 
-@cases((730, 1800, 0.02), slow(2918, 900, 0.1))
+@cases(slow(730, 1800, 0.02), exhaustive(2918, 900, 0.1))
 def test_a_changed_message_comes_within_two_fine_loops(
     n_bits: int, second: int, ber: float
 ) -> None:

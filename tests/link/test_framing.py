@@ -4,7 +4,7 @@ import hashlib
 
 import numpy as np
 import pytest
-from conftest import cases
+from conftest import cases, exhaustive, slow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -84,8 +84,8 @@ def test_wrong_messages_are_refused(message: bytes, n_bits: int, says: str) -> N
         encode(message, n_bits)
 
 
-@pytest.mark.parametrize("size", [1, 5, 30, 100])
-@cases((0.001, 0, 1.4), (0.05, 0.1, 4), (0.1, 0.2, 8))
+@pytest.mark.parametrize("size", [1, exhaustive(5), exhaustive(30), 100])
+@cases((0.001, 0, 1.4), (0.05, 0.1, 4), slow(0.1, 0.2, 8))
 def test_a_loop_is_joined_anywhere(ber: float, loss: float, loops: float, size: int) -> None:
     rng = np.random.default_rng(size)
     data = rng.bytes(size)
@@ -142,17 +142,17 @@ def test_a_new_message_wins_over_the_old_one() -> None:
 def test_noise_never_makes_a_message() -> None:
     rng = np.random.default_rng(4)
     for frames in (3, 5, 9, 17):
-        for _ in range(75):
+        for _ in range(30):
             assert decode(rng.normal(0, rng.uniform(0.5, 8), (frames, N_BITS))) is None
     collector = make_collector(N_BITS)
-    for step in range(200):
+    for step in range(100):
         assert collector.add(rng.normal(0, 6, N_BITS), step) is None
 
 
-@pytest.mark.parametrize("ber", [0.05, 0.1, 0.2, 0.3])
+@pytest.mark.parametrize("ber", [0.05, slow(0.1), 0.2, slow(0.3)])
 def test_a_noisy_message_is_right_or_absent(ber: float) -> None:
     rng = np.random.default_rng(int(100 * ber))
-    for _ in range(50):
+    for _ in range(25):
         data = rng.bytes(int(rng.integers(1, 60)))
         assert decode(noisy(encode(data, N_BITS), ber, rng)) in ((data, False), None)
 

@@ -74,6 +74,7 @@ def test_antipodal_messages_are_read_without_patches(side: int, wrong: int, meth
         assert errors(pair.rectified, pair.displayed.bits, method) <= wrong
 
 
+@pytest.mark.slow
 def test_a_swapped_antipodal_pair_flips_the_bits() -> None:
     layout = make_layout(ratex=0, modulation="antipodal", pilots=16)
     pair = FramePair(Source(layout), Cell("nikon-samsung", 45.0, 3), 0, equalised=True)
@@ -131,7 +132,8 @@ def test_what_covers_a_block_costs_that_block_alone() -> None:
     assert errors(replace(pair, frames=(pair.original, covered)), truth(strong)) <= 1
 
 
-@pytest.mark.parametrize("share", [0.05, 0.3, 0.95])
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [0.05, 0.95])
 def test_any_balance_of_bits_is_read(share: float) -> None:
     captured = message(share)
     assert (
@@ -139,7 +141,8 @@ def test_any_balance_of_bits_is_read(share: float) -> None:
     )  # the rarer bit occurs 3 times or more
 
 
-@pytest.mark.parametrize("layout", [make_layout(), slow(Layout(3, 5, 400, 300, ()))])
+@pytest.mark.slow
+@pytest.mark.parametrize("layout", [make_layout(), Layout(3, 5, 400, 300, ())])
 def test_any_grid_is_read_and_patches_are_ignored(layout: Layout) -> None:
     captured = message(0.5, layout, kappa=5)
     pair = captured.rectified()

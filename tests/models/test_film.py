@@ -112,6 +112,7 @@ def test_frames_that_each_mix_two_states_are_read(decoder):
     assert share_right(score(decoder, window.observation), window.bits) >= MIXED_BITS
 
 
+@pytest.mark.slow
 def test_scores_are_as_sure_as_they_are_right(decoder):
     right, said = [], []
     for seed in range(8):

@@ -3,6 +3,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import torch
+from conftest import slow
 from numpy.polynomial.legendre import legval
 from tolerances import FLOAT64
 from torch import Tensor
@@ -135,7 +136,7 @@ def test_noisier_frames_get_weaker_scores() -> None:
     assert strength[0] > 1.2 * strength[1] > 1.44 * strength[2]
 
 
-@pytest.mark.parametrize("switches", [(True, True), (False, False)])
+@pytest.mark.parametrize("switches", [(True, True), slow((False, False))])
 def test_refinement_has_the_right_gradient(switches: tuple[bool, bool]) -> None:
     tiles, blocks, _ = scene(0.5, 3, 4)
     refiner = RatexRefiner(LAYOUT, 2, *switches).double()

@@ -209,6 +209,7 @@ def test_more_evidence_is_needed_the_more_clocks_are_tried() -> None:
     assert 40 < needed[0] < needed[-1] < 55
 
 
+@pytest.mark.slow
 def test_a_known_clock_runs_on_through_a_weak_spell_and_states_keep_their_numbers() -> None:
     rng = np.random.default_rng(10)
     times = np.arange(10 * 30) / 30

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 import pytest
+from conftest import exhaustive
 from pilot_films import FINE, OTHER, BlockMeans, filmed, moving_picture
 
 from link.presets import PRESETS
@@ -39,29 +40,26 @@ def found_in(look: Callable[[Image, float], SeenFrame | None], images: list[Imag
 
 
 @pytest.mark.slow
-def test_a_display_is_found_and_followed() -> None:
-    """Found to parts of a pixel; then the hand leads it astray, in some films more than usual."""
-    farthest = []
-    for seed in range(2, 5):
-        images, corners = filmed(FINE, 40, seed)
-        tracker, seen, off = PilotTracker([OTHER, FINE], FPS), [], []
-        for number, (image, expected) in enumerate(zip(images, corners, strict=True)):
-            tracked = tracker.follow(image, number / FPS)
-            if tracked is not None:
-                assert tracker.layout == FINE
-                off.append(np.abs(tracked.corners - expected).max())
-                assert tracked.rectified.shape == (FINE.height, FINE.width)
-            seen.append(tracked is not None)
-        assert seen == sorted(seen)  # once found it stays
-        assert sum(seen) > 10
-        assert off[0] < 1
-        farthest.append(max(off))
-    assert np.median(farthest) < CLOSE_PX
+def test_a_display_is_found_and_followed(film: Film) -> None:
+    """Found to parts of a pixel; then the hand leads it astray."""
+    images, corners = film
+    tracker, seen, off = PilotTracker([OTHER, FINE], FPS), [], []
+    for number, (image, expected) in enumerate(zip(images, corners, strict=True)):
+        tracked = tracker.follow(image, number / FPS)
+        if tracked is not None:
+            assert tracker.layout == FINE
+            off.append(np.abs(tracked.corners - expected).max())
+            assert tracked.rectified.shape == (FINE.height, FINE.width)
+        seen.append(tracked is not None)
+    assert seen == sorted(seen)  # once found it stays
+    assert sum(seen) > 10
+    assert off[0] < 1
+    assert max(off) < CLOSE_PX
 
 
 @pytest.mark.slow
 def test_a_display_that_is_found_is_shown_in_the_frames_before(
-    film: tuple[list[Image], Array],
+    film: Film,
 ) -> None:
     images, corners = film
     images = [cv2.cvtColor(image, cv2.COLOR_GRAY2RGB) for image in images]
@@ -84,8 +82,8 @@ def test_a_display_that_is_found_is_shown_in_the_frames_before(
 
 
 @pytest.mark.slow
-def test_the_clock_counts_the_frames_of_the_search() -> None:
-    images, _ = filmed(FINE, 60, seed=2)
+def test_the_clock_counts_the_frames_of_the_search(film: Film) -> None:
+    images, _ = film
     receiver, known = Receiver(BlockMeans(FINE), FPS), []
     for number, image in enumerate(images):
         step = receiver.push(image, number / FPS)
@@ -96,12 +94,12 @@ def test_the_clock_counts_the_frames_of_the_search() -> None:
 
 @pytest.mark.slow
 def test_a_display_whose_picture_moves_is_found_and_followed() -> None:
-    images, corners = filmed(FINE, 150, seed=2, pan=4.0)
+    images, corners = filmed(FINE, 100, seed=2, pan=4.0)
     receiver, off = Receiver(BlockMeans(FINE), FPS), []
     for number, (image, expected) in enumerate(zip(images, corners, strict=True)):
         tracked = receiver.push(image, number / FPS).tracked
         off.append(np.inf if tracked is None else np.abs(tracked.corners - expected).max())
-    assert max(off[-60:]) < CLOSE_PX
+    assert max(off[-40:]) < CLOSE_PX
 
 
 def test_of_two_motions_that_of_the_points_that_lie_farther_apart_is_chosen() -> None:
@@ -174,7 +172,7 @@ ODD: dict[str, Callable[[int], Image]] = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ODD)
+@pytest.mark.parametrize("kind", [*list(ODD)[:-1], exhaustive("gray and RGB")])
 def test_odd_frames_hold_no_display(kind: str) -> None:
     decoders = [BlockMeans(preset.layout) for preset in PRESETS.values()]
     receiver = Receiver(decoders, 30.0)

@@ -5,7 +5,7 @@ import sys
 import cv2
 import numpy as np
 import pytest
-from conftest import run_process
+from conftest import run_process, slow
 from pilot_films import FINE, BlockMeans, texture
 from scores import noisy
 from streams import seen_frame
@@ -40,7 +40,7 @@ def came_at(collector: Collector, rows: Array, work: float, pushes: int) -> tupl
     raise AssertionError("no message came")
 
 
-@pytest.mark.parametrize("ber", [0.02, 0.1])
+@pytest.mark.parametrize("ber", [0.02, slow(0.1)])
 def test_a_message_decoded_in_steps_is_the_same_and_little_later(ber: float) -> None:
     rng = np.random.default_rng(1)
     data = rng.bytes(900)

@@ -19,8 +19,8 @@ def test_a_film_without_a_display_gives_nothing_to_time(tmp_path: Path, refuses:
 
 @pytest.mark.slow
 def test_a_film_of_a_preset_with_pilots_is_timed(tmp_path: Path, command: Command) -> None:
-    for number, image in enumerate(robust_film(80)[0]):
+    for number, image in enumerate(robust_film(40)[0]):
         write_image(tmp_path / "film" / f"{number:03d}.png", image)
     done = command(bench_cli.main, tmp_path / "film", "--threads", 1)
     assert "| film |" in done.stdout
-    assert json.loads(done.stdout.splitlines()[-1])["frames"] == 80
+    assert json.loads(done.stdout.splitlines()[-1])["frames"] == 40

@@ -86,7 +86,7 @@ def test_a_display_of_which_nothing_is_read_is_looked_for_anew(
 
     decoder.decode = amiss  # type: ignore[method-assign]
     receiver = Receiver(decoder, 30.0)
-    images, _ = filmed(ROBUST, 180, 3, message=encode(TEXT, ROBUST.n_bits))
+    images, _ = filmed(ROBUST, 90, 3, message=encode(TEXT, ROBUST.n_bits))
     for number, image in enumerate(images):
         step = receiver.push(image, number / 30)
         found += step.tracked is not None and step.tracked.anew

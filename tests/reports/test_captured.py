@@ -122,7 +122,7 @@ def test_films_are_right_or_refused(parts: list[Bits], words: str | None) -> Non
 
 @pytest.mark.slow
 def test_player_and_states_say_the_same(tmp_path: Path, command: Command) -> None:
-    preset = "hidden"
+    preset = "robust"
     layout = PRESETS[preset].layout
     picture = load_pictures("test", layout.width, layout.height)[0].rgb
     write_image(tmp_path / "picture.png", picture)

@@ -2,13 +2,13 @@
 
 import csv
 import json
-import os
 import sys
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, cases, run_process
+from conftest import Command, cases
 
+import evaluate
 from link.errors import InputError
 from models import Card, find_card, make_decoder
 from reports.engine.digest import outside_digest
@@ -36,11 +36,10 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.slow
-def test_a_method_of_another_folder_is_compared(elsewhere: Path) -> None:
+def test_a_method_of_another_folder_is_compared(elsewhere: Path, command: Command) -> None:
     flags = ["--pairs", "canon-lg", "--views", "0", "--kappas", "5", "--frames", "1", "--jobs", "1"]
     flags += ["--methods", "elsewhere.mine:Mine", "naive", "--no-html"]
-    line = (sys.executable, "evaluate.py", *flags, "--out", elsewhere / "run")
-    run_process(*line, PYTHONPATH=f"{elsewhere}{os.pathsep}{ROOT}")
+    command(evaluate.main, *flags, "--out", elsewhere / "run")
     rows = json.loads((elsewhere / "run" / "metrics.json").read_text())["rows"]
     assert [row["method"] for row in rows] == ["Mine", "naive"]
     assert rows[0]["correct"] == rows[1]["correct"] > 0

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from conftest import slow
+from conftest import exhaustive
 
 from reports.engine.backends import Backend
 from reports.engine.checked import seal
@@ -22,7 +22,7 @@ def double(number: int) -> int:
     return 2 * number
 
 
-@pytest.mark.parametrize("jobs", [1, slow(2)])
+@pytest.mark.parametrize("jobs", [1, exhaustive(2)])
 def test_results_come_in_the_order_of_the_items(jobs: int, tmp_path: Path) -> None:
     items = {"three": 3, "one": 1, "two": 2}
     found = kept(items, tmp_path / "double.jsonl", jobs)

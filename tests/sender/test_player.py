@@ -476,7 +476,6 @@ def test_it_starts_by_itself_and_text_and_pointer_go_when_nothing_moves(
         move()
         assert page.evaluate(seen) == ["block", "auto"]
     assert "Paused" in page.evaluate("note.textContent")
-    wait_for(page, f"{seen}.join() === 'none,none'")
 
 
 def test_keys_work_with_caps_lock_and_arrows_show_the_states_one_after_another(

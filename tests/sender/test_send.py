@@ -596,7 +596,7 @@ def test_the_largest_kappa_below_a_visibility_is_taken(tmp_path: Path, send: Sen
     assert {**same, "out": said["out"]} == said
 
 
-@cases(("hidden", 16, 0.63, True), ("hidden", 90, 0.97, False), ("robust", 20, 0.97, False))
+@cases(("hidden", 16, 0.63, True), slow("hidden", 90, 0.97, False), slow("robust", 20, 0.97, False))
 def test_what_a_picture_carries_is_said(
     preset: str, level: int, share: float, dark: bool, tmp_path: Path, command: Command
 ) -> None:
@@ -626,7 +626,7 @@ def test_every_kappa_is_taken_where_nothing_is_seen() -> None:
     assert Hiding(layout, 1000, far).largest_kappa(1.0) == 64
 
 
-@pytest.mark.parametrize("state_hz", [1e-9, 1000])
+@pytest.mark.parametrize("state_hz", [slow(1e-9), 1000])
 @pytest.mark.parametrize("modulation", MODULATIONS)
 def test_any_rate_and_any_onlooker_has_a_visibility(state_hz: float, modulation: str) -> None:
     layout = make_layout(modulation=modulation)

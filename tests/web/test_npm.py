@@ -23,7 +23,7 @@ ORT = WEB / "node_modules" / "onnxruntime-web" / "dist"
 """Where onnxruntime's files lie, which an application serves."""
 
 
-def install_package(folder: Path) -> Path:
+def install_package(folder: Path) -> None:
     """Install the package in the folder of an application."""
     with tarfile.open(write_npm_package(folder)) as archive:
         archive.extractall(folder, filter="data")
@@ -32,12 +32,6 @@ def install_package(folder: Path) -> Path:
     (folder / "package").rename(modules / "oorc-receiver")
     for name in NEEDED:
         (modules / name).symlink_to(WEB / "node_modules" / name)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def package(node: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return install_package(tmp_path_factory.mktemp("npm"))
 
 
 REFUSED = """
@@ -109,9 +103,12 @@ console.log(JSON.stringify(told));
 
 
 @pytest.mark.slow
-def test_all_that_is_wrong_is_refused_at_the_door_with_a_code(package: Path) -> None:
-    (package / "refused.mjs").write_text(REFUSED)
-    told = json.loads(run_process("node", "refused.mjs", cwd=package).stdout)
+def test_all_that_is_wrong_is_refused_at_the_door_with_a_code(
+    npm_package: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "node_modules").symlink_to(npm_package)
+    (tmp_path / "refused.mjs").write_text(REFUSED)
+    told = json.loads(run_process("node", "refused.mjs", cwd=tmp_path).stdout)
     assert told == [
         *["load"] * 2,
         *["frame"] * 12,
@@ -161,7 +158,7 @@ ESBUILD = ("--bundle", "--format=esm", "--splitting", "--outdir=esbuilt", "--ext
 
 @pytest.mark.exhaustive
 def test_applications_of_vite_and_esbuild_read_a_film(
-    package: Path, tmp_path: Path, open_window: OpenWindow
+    npm_package: Path, tmp_path: Path, open_window: OpenWindow
 ) -> None:
     """Install vite from npm into a folder of its own, and bundle docs/embed.md's application.
 
@@ -175,9 +172,9 @@ def test_applications_of_vite_and_esbuild_read_a_film(
     run_process(*npm, cwd=tmp_path)
     for name in ("oorc-receiver", *NEEDED):
         if not (tmp_path / "node_modules" / name).exists():
-            (tmp_path / "node_modules" / name).symlink_to(package / "node_modules" / name)
+            (tmp_path / "node_modules" / name).symlink_to(npm_package / name)
     public = tmp_path / "public"
-    shutil.copytree(package / "node_modules" / "oorc-receiver", public / "receiver")
+    shutil.copytree(npm_package / "oorc-receiver", public / "receiver")
     for kind in ("wasm", "mjs"):
         shutil.copy(ORT / f"ort-wasm-simd-threaded.{kind}", public / "receiver")
     (public / "film.gray").write_bytes(b"".join(each.tobytes() for each in robust_film(36)[0]))

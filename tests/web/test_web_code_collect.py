@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 import pytest
-from conftest import cases, slow
+from conftest import cases, exhaustive
 from port import Port, same
 from scores import noisy, shown
 from tolerances import FLOAT32, FLOAT32_SUM
@@ -59,7 +59,7 @@ def test_wrong_scores_are_no_message(port: Port) -> None:
         assert compare(port, rows) == 0
 
 
-@cases((730, 0.05), slow(2918, 0.1))
+@cases((730, 0.05), exhaustive(2918, 0.1))
 def test_a_fine_loop_is_joined_anywhere(n_bits: int, ber: float, port: Port) -> None:
     rng = np.random.default_rng(4)
     bits = encode(rng.bytes(n_bits // 8), n_bits)

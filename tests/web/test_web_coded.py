@@ -159,7 +159,7 @@ def test_clocks_are_tried_at_shifts_of_a_display(port: Port) -> None:
 @pytest.mark.slow
 def test_a_coded_film_is_read_with_its_clock(port: Port) -> None:
     """Scores of the same frame pairs, by their numbers modulo the code's period."""
-    images, _ = filmed(LAYOUT, 124, seed=4, hold=1)  # fewer frame pairs than the code has
+    images, _ = filmed(LAYOUT, 100, seed=4, hold=1)  # fewer frame pairs than the code has
     decoder = Decoder(GRAPH, threads=1, time_limit_s=60)
     decoder.layout = LAYOUT
     receiver = Receiver([decoder], FPS, FilmGraph(FILM_GRAPH, 1))
@@ -171,7 +171,7 @@ def test_a_coded_film_is_read_with_its_clock(port: Port) -> None:
             for pair in reader.push(image, number / FPS).pairs:
                 pairs[pair.number % CODE.period] = getattr(pair, "soft", pair).scores
     both = known.keys() & found.keys()
-    assert len(both) > 30
+    assert len(both) > 20
     alike = [((known[pair] > 0) == (found[pair] > 0)).mean() for pair in both]
     assert np.mean(alike) > BITS_ALIKE
     assert abs(ported.stateHz / (2 * FPS) - 1) < CLOCKS_APART

@@ -32,7 +32,7 @@ def test_page_finds_what_python_finds(port: Port, is_still: bool) -> None:
     """A display whose picture moves, and none where nothing toggles."""
     layouts = [OTHER, FINE]
     hold, pan = (10**6, 0.0) if is_still else (2, 3.0)
-    images, truth = filmed(FINE, 30 if is_still else 40, seed=1, hold=hold, pan=pan)
+    images, truth = filmed(FINE, 26 if is_still else 40, seed=1, hold=hold, pan=pan)
     known = first_found(PilotSearch(layouts, FPS), images)
     found = first_found(
         port("receiver/pilots/search/pilotSearch.js").PilotSearch(layouts, FPS), images

@@ -104,7 +104,7 @@ def bits_alike(scores, others):
 
 @pytest.mark.slow
 def test_a_film_is_read_as_by_python(port):
-    both = enumerate(zip(*robust_film(70), strict=True))
+    both = enumerate(zip(*robust_film(45), strict=True))
     frames = [(number / 30, image, corners) for number, (image, corners) in both]
     decoder = Decoder(MODEL, threads=1, time_limit_s=60)
     receiver = Receiver([decoder], 30.0, FilmGraph(FILM_GRAPH, 1))

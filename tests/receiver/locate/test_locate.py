@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from conftest import Command, Refuses
+from conftest import Command, Refuses, slow
 from drawn_scenes import CORNERS, HEIGHT, LAYOUT, PLAIN, WIDTH, content, room, scene
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -42,7 +42,7 @@ def off(found: Array, corners: Array) -> float:
     return float(np.linalg.norm(found - corners, axis=1).max())
 
 
-@pytest.mark.parametrize("turns", range(4))
+@pytest.mark.parametrize("turns", [slow(0), 1, slow(2), slow(3)])
 def test_patches_tell_which_way_up_the_display_is(turns: int, with_patches: Image) -> None:
     turned = np.roll(CORNERS, turns, axis=0)  # the picture's top-left in another corner
     shape = content(LAYOUT)
@@ -106,7 +106,7 @@ def test_glare_and_a_hand(layout: Layout) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=8)
+@settings(max_examples=5)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([LAYOUT, PLAIN]))
 def test_refining_undoes_a_few_per_cent(seed: int, layout: Layout) -> None:
     image = scene(content(layout))
@@ -128,7 +128,7 @@ def test_edges_keep_the_order_of_corners(with_patches: Image) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=5)
+@settings(max_examples=3)
 @given(st.floats(-8, 8), st.floats(-0.12, 0.12), st.floats(0.75, 1.05))
 def test_a_turned_image_has_turned_corners(degrees: float, shear: float, size: float) -> None:
     centre = np.array([WIDTH, HEIGHT]) / 2
