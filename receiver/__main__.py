@@ -139,7 +139,7 @@ def read_two_images(
 
 def read_stream(
     decoders: Sequence[PairDecoder],
-    film: WindowDecoder | None,
+    film: WindowDecoder,
     args: argparse.Namespace,
     verifier: Verifier | None,
 ) -> None:

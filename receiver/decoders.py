@@ -132,18 +132,18 @@ class ShippedFilm:
 
 def open_decoders(
     models: Sequence[Path] | None, threads: int
-) -> tuple[list[PairDecoder], WindowDecoder | None]:
+) -> tuple[list[PairDecoder], WindowDecoder]:
     """Open the models of --model; where there are none, those that ship, each when it is needed.
 
     Returns:
-        decoders of frame pairs, and the film decoder that ships, which stands beside those that
-        ship; a model of one's own decodes alone.
+        decoders of frame pairs, and the film decoder that ships, which reads films of all layouts
+        with pilots that it can read, so that a model names such a layout alone.
 
     Raises:
         InputError: a file is missing or damaged, or a given one is no decoder.
     """
-    shipped = shipped_graphs()
-    film = ShippedFilm(threads) if set(models or ()) <= set(shipped.values()) else None
+    film = ShippedFilm(threads)
     if models:
         return [Decoder(model, threads) for model in models], film
-    return [ShippedDecoder(graph, layout, threads) for layout, graph in shipped.items()], film
+    shipped = shipped_graphs().items()
+    return [ShippedDecoder(graph, layout, threads) for layout, graph in shipped], film

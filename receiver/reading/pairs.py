@@ -1,7 +1,7 @@
 """Read frame pairs by their two states, each put together from camera frames."""
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from time import perf_counter
 
@@ -9,8 +9,6 @@ import numpy as np
 
 from link.clock import DisplayClock
 from link.frames import SoftBits
-from link.pilots import changes_of_bits
-from link.types import Array
 from models.pairwise import trust_of_purity
 from receiver.decoders import PairDecoder
 from receiver.reading.occlusion import Occlusion
@@ -19,7 +17,6 @@ from receiver.reading.states import DisplayState, compose_state
 from receiver.reading.unseen import fill_unseen, unseen_blocks
 from receiver.seen import SeenFrames
 from receiver.sight import StageTimes
-from receiver.tracking.corners import Placement
 
 PAIRS_A_FRAME = 2
 """Largest number of frame pairs that are read with one camera frame. Many wait when the clock has
@@ -36,8 +33,6 @@ class ComposedPair:
     """First state of the pair."""
     embedded: DisplayState
     """Second state of the pair."""
-    placements: Sequence[Placement] = ()
-    """Placements of its frames; none where patches tell the corners."""
 
 
 class PairReader:
@@ -84,11 +79,9 @@ class PairReader:
             if not self._waiting:
                 return
             composed = self._waiting.popleft()
-            read = self.decode(composed)
-            self._correct(composed, read.soft.scores)
-            yield read
+            yield self._decode(composed)
 
-    def decode(self, pair: ComposedPair) -> ReadPair:
+    def _decode(self, pair: ComposedPair) -> ReadPair:
         """Decode the two states of a pair, and erase what is covered or impure."""
         start = perf_counter()
         shown = States(pair.original, pair.embedded, self._layout.message_mask)
@@ -124,24 +117,8 @@ class PairReader:
                 for state in self._layout.code.states_of(self._next)
             )
             self._next += 1
-            placements = []
             while frames and clock.number(frames[0].time + clock.latest) < 2 * self._next:
-                read = frames.popleft()  # no other pair needs it
-                self.read_until = read.time
-                placements += [read.placement] if read.placement else []
+                self.read_until = frames.popleft().time  # no other pair needs it
             if original is not None and embedded is not None:
-                self._waiting.append(ComposedPair(self._next - 1, original, embedded, placements))
+                self._waiting.append(ComposedPair(self._next - 1, original, embedded))
             self._timing.add("compose", start)
-
-    def _correct(self, pair: ComposedPair, scores: Array) -> None:
-        """Learn from a pair's scores where the corners lie."""
-        if not pair.placements:
-            return
-        start = perf_counter()
-        change = changes_of_bits(scores, self._layout)
-        pair.placements[-1].shift.take(
-            (pair.original.image, pair.embedded.image),
-            np.stack([-change / 2, change / 2]),
-            (pair.placements[0], pair.placements[-1]),
-        )
-        self._timing.add("correct", start)

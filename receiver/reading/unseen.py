@@ -1,12 +1,11 @@
 """Fill in what a frame pair does not show of the display, so that the rest can be decoded.
 
-A decoder fits its calibration to all ratex patches or pilots and refines it on all message blocks.
-Of those that lie outside the image, or behind a hand, it would learn wrong things. So an unseen
-message block takes the pixels of the nearest one that is seen, in both states alike, and an unseen
-pilot those of the nearest pilot of the same bit that is seen. The tiles of an unseen patch take
-those of patches that are seen: mixed from the two tiles of the same label whose levels lie next to
-theirs. The decoder then has nothing to learn there. What it says of filled blocks means nothing,
-and the receiver erases it.
+A decoder fits its calibration to all ratex patches and refines it on all message blocks. Of those
+that lie outside the image, or behind a hand, it would learn wrong things. So an unseen message
+block takes the pixels of the nearest one that is seen, in both states alike. The tiles of an unseen
+patch take those of patches that are seen: mixed from the two tiles of the same label whose levels
+lie next to theirs. The decoder then has nothing to learn there. What it says of filled blocks means
+nothing, and the receiver erases it.
 """
 
 from collections.abc import Sequence
@@ -62,7 +61,7 @@ def fill_unseen(images: Sequence[Image], unseen: NDArray[np.bool_], layout: Layo
     Returns:
         copies in which the unseen blocks are filled; the images themselves where nothing is unseen,
         no message block is seen, or the layout has patches of which fewer than `LEAST_CLEAR` are
-        seen. Pilots of a bit of which none is seen stay as they are.
+        seen. Pilots stay as they are.
     """
     seen_patches = [i for i, cell in enumerate(layout.ratex) if not unseen[cell]]
     seen_message = layout.message_mask & ~unseen
@@ -70,36 +69,24 @@ def fill_unseen(images: Sequence[Image], unseen: NDArray[np.bool_], layout: Layo
     if not unseen.any() or not seen_message.any() or few_patches:
         return list(images)
     filled = [image.copy() for image in images]
-    _copy_nearest(filled, layout.message_mask, unseen, layout)
-    for bit in (0, 1):
-        pilots = np.zeros(unseen.size, np.bool_)
-        pilots[layout.pilot_blocks[layout.pilot_bits == bit]] = True
-        _copy_nearest(filled, pilots.reshape(unseen.shape), unseen, layout)
+    _copy_nearest(filled, unseen, layout)
     _mix_tiles(filled, seen_patches, layout)
     return filled
 
 
-def _copy_nearest(
-    images: Sequence[Image],
-    kind: NDArray[np.bool_],
-    unseen: NDArray[np.bool_],
-    layout: Layout,
-) -> None:
-    """Give each unseen block of a kind, in place, the pixels of the nearest one that is seen.
+def _copy_nearest(images: Sequence[Image], unseen: NDArray[np.bool_], layout: Layout) -> None:
+    """Give each unseen message block, in place, the pixels of the nearest one that is seen.
 
     Distances count steps along rows and columns; of blocks equally near the first in reading order
     is taken.
 
     Args:
         images: rectified frames, an `Image` each.
-        kind: (rows, cols) blocks that may stand for each other.
         unseen: (rows, cols) blocks that are not seen.
         layout: layout of the images.
     """
-    seen, filled = kind & ~unseen, kind & unseen
-    if not seen.any() or not filled.any():
-        return
-    from_row, from_col = _nearest(seen)
+    filled = layout.message_mask & unseen
+    from_row, from_col = _nearest(layout.message_mask & ~unseen)
     (top, bottom), (left, right) = (
         _edges(length, count)
         for length, count in ((layout.height, layout.rows), (layout.width, layout.cols))

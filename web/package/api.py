@@ -392,9 +392,7 @@ def _number(parameter: str, value: Any) -> None:
         raise ParameterError(parameter, f"need a finite number, got {value!r:.60}")
 
 
-def _open(
-    models: Sequence[str | Path], threads: int
-) -> tuple[list[PairDecoder], WindowDecoder | None]:
+def _open(models: Sequence[str | Path], threads: int) -> tuple[list[PairDecoder], WindowDecoder]:
     """Open the decoders of presets or files, once; receivers that are made later share them."""
     with _coded("argument"):
         if isinstance(models, (str, bytes)) or not isinstance(models, Sequence):
@@ -414,7 +412,5 @@ def _open(
 
 
 @cache
-def _decoders(
-    models: tuple[str, ...], threads: int
-) -> tuple[list[PairDecoder], WindowDecoder | None]:
+def _decoders(models: tuple[str, ...], threads: int) -> tuple[list[PairDecoder], WindowDecoder]:
     return open_decoders([find_graph(name) for name in models], threads)
