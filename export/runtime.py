@@ -454,8 +454,7 @@ def main() -> None:
     corners = parse_corners(args.corners, "--corners")
     corners_embedded = parse_corners(args.corners_embedded, "--corners-embedded")
     decoder = Decoder(args.model)
-    limit = args.max_megapixels
-    frames = read_image(args.original, limit), read_image(args.embedded, limit)
+    frames = read_image(args.original), read_image(args.embedded)
     pair = decoder.rectify(*frames, corners, corners_embedded)
     seen = patch_correlation(pair.original, decoder.layout) if decoder.layout.ratex else 1.0
     if seen < DECODED_CORRELATION:

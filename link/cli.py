@@ -21,7 +21,7 @@ import cv2
 from link import __version__
 from link.code.authenticate import MAX_STAMP
 from link.errors import InputError, ParameterError
-from link.images import MAX_MEGAPIXELS
+from link.images import MAX_MEGAPIXELS, MEGAPIXELS_VARIABLE, pixel_limit
 from link.layout import MAX_PIXELS, MAX_SIDE_PX
 
 T = TypeVar("T")
@@ -114,10 +114,19 @@ class Parser(ArgumentParser):
 
 
 def add_pixel_limit(parser: ArgumentParser) -> None:
-    """Give a command the flag --max-megapixels, the argument of `link.images.pixel_limit`."""
+    """Give a command the flag --max-megapixels, which sets `link.images.pixel_limit`."""
+
+    def set_limit(text: str) -> str:
+        os.environ[MEGAPIXELS_VARIABLE] = text
+        try:
+            pixel_limit()
+        except InputError as error:
+            raise ArgumentTypeError(str(error).partition(": ")[2]) from None
+        return text
+
     parser.add_argument(
         "--max-megapixels",
-        type=float,
+        type=set_limit,
         metavar="N",
         help=f"largest image that is read, in million pixels; {MAX_MEGAPIXELS:g} where absent",
     )

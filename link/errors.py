@@ -21,15 +21,15 @@ class ParameterError(InputError):
     flag, because its users never see the parameter: `run_cli` prints `with_flag`.
 
     Args:
-        parameter: name of the parameter, such as ``max_megapixels``. A name that begins with two
+        parameter: name of the parameter, such as ``max_view``. A name that begins with two
             dashes is taken to be a flag already.
         problem: what is wrong with the value, and what to do.
 
-    >>> error = ParameterError("max_megapixels", "need more than 0, got -1")
+    >>> error = ParameterError("max_view", "need more than 0, got -1")
     >>> str(error)
-    'max_megapixels: need more than 0, got -1'
+    'max_view: need more than 0, got -1'
     >>> error.with_flag
-    '--max-megapixels: need more than 0, got -1'
+    '--max-view: need more than 0, got -1'
     """
 
     def __init__(self, parameter: str, problem: str) -> None:

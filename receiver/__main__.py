@@ -87,7 +87,7 @@ def main() -> None:
             if getattr(args, flag) != parser.get_default(flag):
                 raise ParameterError(flag, "two images are one frame pair, and hold no message")
         decoders, _ = open_decoders(args.model, args.threads)
-        return read_two_images(decoders, args.input[0], args.input[1], args.max_megapixels)
+        return read_two_images(decoders, args.input[0], args.input[1])
     if args.out is not None and (not args.out.name or is_no_file(args.out)):
         raise ParameterError("out", f"{args.out} is a folder or a device; name a file")
     verifier = make_verifier(args.key, args.max_age)
@@ -110,9 +110,7 @@ def make_verifier(key: Path | None, max_age_s: float | None) -> Verifier | None:
     return None
 
 
-def read_two_images(
-    decoders: Sequence[PairDecoder], first: str, second: str, max_megapixels: float | None
-) -> None:
+def read_two_images(decoders: Sequence[PairDecoder], first: str, second: str) -> None:
     """Decode two images in either order, with the display anywhere in each.
 
     Raises:
@@ -120,7 +118,7 @@ def read_two_images(
             show one state.
     """
     receivers = {decoder.layout: Receiver(decoder) for decoder in decoders}
-    frames = [read_image(path, max_megapixels) for path in (first, second)]
+    frames = [read_image(path) for path in (first, second)]
     check_same_size(frames[0], frames[1])
     found = find_in_both(frames[0], frames[1], list(receivers))
     if found is None:
@@ -148,7 +146,7 @@ def read_stream(
     Raises:
         InputError: there is no message; says why.
     """
-    asked = args.fps, args.max_megapixels, args.camera_size, args.camera_fps
+    asked = args.fps, args.camera_size, args.camera_fps
     source = open_source(args.input[0], *asked)
     new_stream = partial(EventStream, decoders, source.fps, verifier, args.scores, film)
     stream = new_stream()

@@ -40,7 +40,7 @@ def main() -> None:
     args = check_flags(parser.parse_args())
     at_least(1, threads=args.threads, frames=args.frames)
     cv2.setNumThreads(args.threads)
-    source = open_source(args.input, args.fps, args.max_megapixels)
+    source = open_source(args.input, args.fps)
     frames = [frame for _, frame in zip(range(args.frames), source.frames, strict=False)]
     decoders, film = open_decoders(args.model, args.threads)
     receiver = Receiver(decoders, source.fps, film)

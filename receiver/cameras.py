@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.errors import InputError
-from link.images import check_pixels, pixel_limit
+from link.images import check_pixels
 from link.images.video import DEFAULT_FPS, MAX_FPS, next_frame, time_after
 from receiver.newest import Newest
 
@@ -88,7 +88,6 @@ class Camera:
         where: number of a camera, or address of a stream.
         size: width and height, in pixels, for which a camera is asked; `SIZE` where None.
         asked_fps: frames a second for which a camera is asked; `HIGHEST_FPS` where None.
-        max_megapixels: largest number of pixels of a frame; see `link.images.pixel_limit`.
 
     Raises:
         InputError: it cannot be opened, or its frames are too large.
@@ -99,7 +98,6 @@ class Camera:
         where: int | str,
         size: tuple[int, int] | None = None,
         asked_fps: float | None = None,
-        max_megapixels: float | None = None,
     ) -> None:
         self._name = f"camera {where}" if isinstance(where, int) else where
         try:
@@ -122,7 +120,7 @@ class Camera:
         width, height = (
             int(capture.get(side)) for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
         )
-        check_pixels(width, height, self._name, pixel_limit(max_megapixels))
+        check_pixels(width, height, self._name)
         stated = capture.get(cv2.CAP_PROP_FPS)
         self.fps = float(stated) if 1 <= stated <= MAX_FPS else DEFAULT_FPS
         """Frames a second that it states, else `DEFAULT_FPS`."""

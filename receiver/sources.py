@@ -65,7 +65,6 @@ class FrameSource:
 def open_source(
     name: str,
     fps: float | None = None,
-    max_megapixels: float | None = None,
     camera_size: tuple[int, int] | None = None,
     camera_fps: float | None = None,
 ) -> FrameSource:
@@ -77,8 +76,6 @@ def open_source(
         fps: frames a second of the camera. A folder's frames have their numbers' times at this rate
             in place of `link.images.video.DEFAULT_FPS`; a video's frames follow one another evenly
             at this rate, whatever times the file states; of a camera it is the nominal rate.
-        max_megapixels: largest number of pixels, in millions, of an image or a video's frame; see
-            `link.images.pixel_limit`.
         camera_size: width and height for which a camera is asked, pixels.
         camera_fps: frames a second for which a camera is asked.
 
@@ -88,19 +85,19 @@ def open_source(
     for flag, rate in (("fps", fps), ("camera_fps", camera_fps)):
         if rate is not None:
             check_fps(rate, flag)
-    pixel_limit(max_megapixels)  # a wrong limit is no error of each image
+    pixel_limit()  # a wrong limit is no error of each image
     device = DEVICE.fullmatch(os.path.realpath(name)) if name.startswith("/dev/") else None
     number = device[1] if device else name
     if number.isascii() and number.isdigit() and len(number) <= MAX_CAMERA_DIGITS:
-        camera = Camera(int(number), camera_size, camera_fps, max_megapixels)
+        camera = Camera(int(number), camera_size, camera_fps)
         return FrameSource(_live(camera), fps or camera.fps, live=True)
     address = ADDRESS.fullmatch(name)
     if address is not None and address[1].lower() in SCHEMES:
-        camera = Camera(name, max_megapixels=max_megapixels)
+        camera = Camera(name)
         return FrameSource(_live(camera), fps or camera.fps, live=True)
     path = Path(name)
     if path.is_dir():
-        return _folder(path, fps, max_megapixels)
+        return _folder(path, fps)
     if name == "-" or (path.exists() and not is_file(path)):
         raise InputError(
             f"{name}: pipes and devices are not read; write the film to a file, and give its path"
@@ -112,7 +109,7 @@ def open_source(
         raise InputError(
             f"{name}: one image is no film; give both images of a frame pair, or a film"
         )
-    return _video(path, fps, max_megapixels)
+    return _video(path, fps)
 
 
 def _live(camera: Camera) -> Iterator[CameraFrame]:
@@ -152,14 +149,14 @@ def number_frames(files: list[Path]) -> list[tuple[int, Path]]:
     return [(number - numbers[0], file) for number, file in numbered]
 
 
-def _folder(path: Path, fps: float | None, max_megapixels: float | None) -> FrameSource:
+def _folder(path: Path, fps: float | None) -> FrameSource:
     files = number_frames(image_files(path))
     rate = fps or DEFAULT_FPS
 
     def frames() -> Iterator[CameraFrame]:
         for number, file in files:
             try:
-                image = read_image(file, max_megapixels)
+                image = read_image(file)
             except InputError as error:
                 print(f"skipped: {error}", file=sys.stderr)
                 continue
@@ -168,8 +165,8 @@ def _folder(path: Path, fps: float | None, max_megapixels: float | None) -> Fram
     return FrameSource(frames(), rate)
 
 
-def _video(path: Path, fps: float | None, max_megapixels: float | None) -> FrameSource:
-    reader = VideoReader(path, max_megapixels)
+def _video(path: Path, fps: float | None) -> FrameSource:
+    reader = VideoReader(path)
 
     def frames() -> Iterator[CameraFrame]:
         start: float | None = None

@@ -215,7 +215,7 @@ def show_bench(args: argparse.Namespace, kind: str) -> None:
     with locked(args.out.parent, args.out.name):
         if args.out.exists():
             raise ParameterError("out", f"{args.out} is already there; choose another name")
-        pictures = open_pictures(args.pictures, 1.0, args.max_megapixels) if args.pictures else None
+        pictures = open_pictures(args.pictures, 1.0) if args.pictures else None
         fit = args.fit or ("cover" if args.size is None else "contain")
         parts = write_bench(args.out, pictures, args.size, fit, args.refresh)
     print(json.dumps({"out": str(args.out), "seconds": SECONDS * len(parts), "parts": parts}))
@@ -243,7 +243,7 @@ def main() -> None:
     onlooker = Onlooker(args.diagonal, args.luminance, distance)
     state_hz = states_per_second(preset.state_hz, args.hold, args.refresh, kind)
     layout.code.check_rate(state_hz)
-    pictures = open_pictures(args.pictures, state_hz, args.max_megapixels, args.seconds)
+    pictures = open_pictures(args.pictures, state_hz, args.seconds)
     protected = protected_message(message, args.key, args.counter)
     given = "message" if args.file is None else "file"
     frames_needed(len(protected), layout.n_bits, given)  # refuses what is too long

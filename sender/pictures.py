@@ -44,7 +44,6 @@ def is_film(source: Path) -> bool:
 def open_pictures(
     source: Path,
     state_hz: float,
-    max_megapixels: float | None = None,
     seconds: float | None = None,
 ) -> Pictures:
     """Open an image, a folder of images, or a video, whichever ``source`` is.
@@ -56,8 +55,6 @@ def open_pictures(
     Args:
         source: image file, folder of images (other files in it are passed over), or video file.
         state_hz: states shown in a second.
-        max_megapixels: largest number of pixels, in millions, of an image or a video's frame; see
-            `link.images.pixel_limit`.
         seconds: time for which each image of a folder stays; None for one frame pair.
 
     Raises:
@@ -66,7 +63,7 @@ def open_pictures(
     noted: set[Path] = set()
 
     def read(path: Path) -> NDArray[np.uint8]:
-        picture = read_picture(path, max_megapixels)
+        picture = read_picture(path)
         if picture.see_through and not noted:
             print(f"note: {path}: what is transparent is shown as white", file=sys.stderr)
             noted.add(path)
@@ -86,8 +83,8 @@ def open_pictures(
         return lambda: chain.from_iterable(
             repeat(each, pairs) for each in chain([picture], map(read, others))
         )
-    VideoReader(source, max_megapixels)  # refuses what is no video
-    return partial(_in_time, source, max_megapixels, state_hz)
+    VideoReader(source)  # refuses what is no video
+    return partial(_in_time, source, state_hz)
 
 
 def as_srgb(path: Path, picture: Picture) -> NDArray[np.uint8]:
@@ -131,11 +128,9 @@ def note_coarse(given_size: tuple[int, int], shown_size: tuple[int, int]) -> Non
         )
 
 
-def _in_time(
-    video: Path, max_megapixels: float | None, state_hz: float
-) -> Iterator[NDArray[np.uint8]]:
+def _in_time(video: Path, state_hz: float) -> Iterator[NDArray[np.uint8]]:
     """Give the frame that is shown at the time of each state, for whole frame pairs."""
-    reader = VideoReader(video, max_megapixels)
+    reader = VideoReader(video)
     given, shown, begins = 0, None, 0.0
     for frame in reader.timed_frames():
         if shown is None:

@@ -48,8 +48,6 @@ PART_BYTES = 3 * 2**23
 SCRIPTS = "script-src 'unsafe-inline'"
 """Scripts that the page's Content-Security-Policy allows. A page with a film in parts also allows
 the files beside it."""
-LARGEST_MEGAPIXELS = 1e6
-"""Limit of a film's pixels, in millions, where its first picture has passed the usual one."""
 MOST_BLOCK_PIXELS = 2**14 - 1
 """Largest number of pixels of a block whose light a page adds up in whole numbers of 32 bits."""
 MAX_DECODED_BYTES = 2**30
@@ -154,7 +152,7 @@ def write_film_player(
     left, top, wide, tall = window_of(width, height, loop.placement)
     if loop.even and wide * tall > MOST_BLOCK_PIXELS * layout.rows * layout.cols:
         raise InputError(f"{film}: its blocks are too large to even them out; use --no-even")
-    VideoReader(film, LARGEST_MEGAPIXELS).check_end()
+    VideoReader(film).check_end()
     size = film.stat().st_size
     if size > MAX_FILM_BYTES:
         most = f"{MAX_FILM_BYTES >> 20} MiB"

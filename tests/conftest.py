@@ -227,6 +227,7 @@ def command(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) 
 
     def run(main: Callable[[], None], *arguments: object, status: int | None = 0) -> Finished:
         monkeypatch.setattr(sys, "argv", ["program", *map(str, arguments)])
+        monkeypatch.setenv("OORC_MAX_MEGAPIXELS", "50")  # what --max-megapixels sets is undone
         capfd.readouterr()
         code = 0
         try:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.errors import InputError, ParameterError
+from link.errors import InputError
 from link.outside import is_file, is_no_file
 from link.types import Image
 
@@ -73,35 +73,29 @@ def intensity(frame: Image) -> NDArray[np.float32]:
     return np.asarray(scaled @ np.array(LUMA, np.float32), np.float32)
 
 
-def pixel_limit(max_megapixels: float | None = None) -> int:
+def pixel_limit() -> int:
     """Find the largest number of pixels of an image or a video frame that is read.
 
-    Args:
-        max_megapixels: the limit in millions of pixels; where it is None, that of the environment
-            variable `MEGAPIXELS_VARIABLE`, and where that is absent `MAX_MEGAPIXELS`.
+    It is that of the environment variable `MEGAPIXELS_VARIABLE`, which the flag --max-megapixels
+    sets, and where that is absent `MAX_MEGAPIXELS`.
 
     Raises:
         InputError: the limit is no number above 0.
-
-    >>> pixel_limit(0.5)
-    500000
     """
     given = os.environ.get(MEGAPIXELS_VARIABLE, MAX_MEGAPIXELS)
     try:
-        limit = float(given if max_megapixels is None else max_megapixels)
+        limit = float(given)
     except ValueError:
         limit = math.nan
     if not 0 < limit <= 1e6:
-        shown = given if max_megapixels is None else max_megapixels
-        problem = f"need millions of pixels above 0, such as 50, got {shown}"
-        if max_megapixels is None:
-            raise InputError(f"{MEGAPIXELS_VARIABLE}: {problem:.100}")
-        raise ParameterError("max_megapixels", problem)
+        problem = f"need millions of pixels above 0, such as 50, got {given}"
+        raise InputError(f"{MEGAPIXELS_VARIABLE}: {problem:.100}")
     return int(limit * 1e6)
 
 
-def check_pixels(width: int, height: int, where: Path | str, limit: int) -> None:
-    """Raise an `InputError` that names the file where an image has more pixels than a limit."""
+def check_pixels(width: int, height: int, where: Path | str) -> None:
+    """Raise an `InputError` that names the file where an image has more pixels than the limit."""
+    limit = pixel_limit()
     if width * height > limit:
         raise InputError(
             f"{where}: image is {width}x{height}, more than {limit / 1e6:g} megapixels; scale it "

@@ -48,12 +48,12 @@ class Picture:
     """The ICC profile of its colours, if the file has one."""
 
 
-def read_image(path: Path | str, max_megapixels: float | None = None) -> NDArray[np.uint8]:
+def read_image(path: Path | str) -> NDArray[np.uint8]:
     """Read an image file as encoded RGB, as `read_picture` does."""
-    return read_picture(path, max_megapixels).rgb
+    return read_picture(path).rgb
 
 
-def read_picture(path: Path | str, max_megapixels: float | None = None) -> Picture:
+def read_picture(path: Path | str) -> Picture:
     """Read an image file as encoded RGB, with what is special about it.
 
     What is transparent is laid on white. 16-bit files are reduced to 8 bits, gray files repeated
@@ -62,20 +62,19 @@ def read_picture(path: Path | str, max_megapixels: float | None = None) -> Pictu
 
     Args:
         path: a PNG, JPEG, TIFF, BMP or WebP file.
-        max_megapixels: largest number of pixels, in millions; see `link.images.pixel_limit`.
 
     Raises:
         InputError: the file is missing, is not an image or an animated one, has too many pixels, or
             is smaller than 16 x 16.
     """
-    path, limit = Path(path), pixel_limit(max_megapixels)
+    path = Path(path)
     if not is_file(path):
         raise InputError(f"{path}: no such image file; check the path")
-    data = read_bounded(path, BYTES_PER_PIXEL * limit + SPARE_BYTES)
+    data = read_bounded(path, BYTES_PER_PIXEL * pixel_limit() + SPARE_BYTES)
     check_kind(path, data)
     try:
         with catch_warnings(action="ignore"), Image.open(BytesIO(data), formats=KINDS) as file:
-            check_pixels(*file.size, path, limit)
+            check_pixels(*file.size, path)
             if file.format in ("PNG", "WEBP") and getattr(file, "is_animated", False):
                 raise InputError(
                     f"{path}: an animation; save one picture of it, or all as GIF or video"

@@ -26,7 +26,6 @@ from link.images import (
     MIN_SIDE_PX,
     check_kind,
     check_pixels,
-    pixel_limit,
     replaced,
 )
 from link.outside import is_file
@@ -109,8 +108,6 @@ class VideoReader:
 
     Args:
         path: path of the file.
-        max_megapixels: largest number of pixels of a frame, in millions; see
-            `link.images.pixel_limit`.
 
     Raises:
         InputError: the file is missing, no video that OpenCV can read, a list of other files, or
@@ -118,7 +115,7 @@ class VideoReader:
             16 x 16.
     """
 
-    def __init__(self, path: Path | str, max_megapixels: float | None = None) -> None:
+    def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
         if not is_file(self.path):
             raise InputError(f"{path}: no such video file; check the path")
@@ -134,7 +131,7 @@ class VideoReader:
             int(self._video.get(side))
             for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
         )
-        check_pixels(width, height, self.path, pixel_limit(max_megapixels))
+        check_pixels(width, height, self.path)
         if min(width, height) < MIN_SIDE_PX:
             raise InputError(
                 f"{path}: its frames are {width}x{height}, need at least "

@@ -43,7 +43,7 @@ def main() -> None:
     add_pixel_limit(parser)
     parser.add_argument("--show", type=Path, metavar="DIR", help="write images with the outline")
     args = check_flags(parser.parse_args())
-    pixel_limit(args.max_megapixels)  # a wrong limit is no error of each image
+    pixel_limit()  # a wrong limit is no error of each image
     layout, failed = layout_of(args.model, args.layout), False
     shown = [] if args.show is None else [args.show / f"{path.stem}.png" for path in args.images]
     given, written = ({path.resolve() for path in paths} for paths in (args.images, shown))
@@ -51,7 +51,7 @@ def main() -> None:
         raise InputError("--show: two images would have one name there; name another folder")
     for number, path in enumerate(args.images):
         try:
-            image = read_image(path, args.max_megapixels)
+            image = read_image(path)
         except InputError as error:
             print_error(str(error))
             failed = True
