@@ -10,7 +10,6 @@ import json
 import math
 import os
 import re
-import stat
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,19 +25,8 @@ MAX_DEPTH = 32
 """Largest number of lists and objects that may lie one inside the other."""
 MAX_DIGITS = 64
 """Largest number of characters of a whole number."""
-MAX_FLOAT_CHARACTERS = 1000
-"""Largest number of characters of a number with a point or an exponent."""
 SUSPECT = re.compile(rf"\d{{{MAX_DIGITS}}}|[eE]\+?\d{{3}}")
 """Pattern without which no number of a text can be too long or too large."""
-STRING = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"|[^\[\]{}"]++', re.DOTALL)
-"""Pattern of what is left out where only brackets count: strings, and all that is no bracket."""
-
-
-class _Refused:
-    """Stands in a parsed document for a number that is refused."""
-
-    def __init__(self, text: str) -> None:
-        self.text = text
 
 
 def parse_json(text: bytes | str, where: str) -> Any:
@@ -53,15 +41,14 @@ def parse_json(text: bytes | str, where: str) -> Any:
 
     Raises:
         InputError: not JSON, too long, nested too deep, a number that is not finite or has too
-            many digits, or a key that one object has twice. The message names the key.
+            many digits, half of a character, or a key that one object has twice.
 
     >>> parse_json('{"view_deg": 45}', "manifest.jsonl, line 1")
     {'view_deg': 45}
-    >>> parse_json('{"corners": [[0, NaN]]}', "manifest.jsonl, line 2")
+    >>> parse_json('{"corners": [[0, NaN]]}', "line 2")
     Traceback (most recent call last):
     ...
-    link.errors.InputError: manifest.jsonl, line 2, corners[0][1]: need a finite number of \
-at most 64 digits, got NaN
+    link.errors.InputError: line 2: need finite numbers of at most 64 digits, got NaN
     """
     if len(text) > MAX_JSON_BYTES:
         raise InputError(f"{where}: longer than {MAX_JSON_BYTES} bytes; no such JSON is read")
@@ -70,19 +57,16 @@ at most 64 digits, got NaN
             text = text.decode()
         except UnicodeDecodeError:
             raise InputError(f"{where}: not a text file in UTF-8") from None
-    if text.count("[") + text.count("{") > MAX_DEPTH and _depth(text) > MAX_DEPTH:
-        raise InputError(f"{where}: lists or objects lie more than {MAX_DEPTH} deep")
-    refused: list[_Refused] = []
 
-    def refuse(number: str) -> _Refused:
-        refused.append(_Refused(number))
-        return refused[-1]
+    def refuse(number: str) -> Any:
+        need = f"need finite numbers of at most {MAX_DIGITS} digits"
+        raise InputError(f"{where}: {need}, got {number:.40}")
 
-    def whole(number: str) -> int | _Refused:
+    def whole(number: str) -> int:
         return int(number) if len(number) <= MAX_DIGITS else refuse(number)
 
-    def with_point(number: str) -> float | _Refused:
-        value = float(number) if len(number) <= MAX_FLOAT_CHARACTERS else math.inf
+    def with_point(number: str) -> float:
+        value = float(number)
         return value if math.isfinite(value) else refuse(number)
 
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -101,47 +85,26 @@ at most 64 digits, got NaN
             parse_int=whole if careful else None,
             parse_float=with_point if careful else None,
         )
+        too_deep = text.count("[") + text.count("{") > MAX_DEPTH and _depth(value) > MAX_DEPTH
     except json.JSONDecodeError as error:
         raise InputError(f"{where}: not JSON ({error})") from None
-    if refused or "\\ud" in text or "\\uD" in text:
-        _check_values(value, where)
+    except RecursionError:
+        too_deep = True
+    if too_deep:
+        raise InputError(f"{where}: lists or objects lie more than {MAX_DEPTH} deep")
+    try:
+        if "\\ud" in text or "\\uD" in text:
+            json.dumps(value, ensure_ascii=False).encode()
+    except UnicodeEncodeError:
+        raise InputError(f"{where}: holds half of a character; use UTF-8") from None
     return value
 
 
-def _depth(text: str) -> int:
-    """The largest number of brackets that are open at once, outside strings."""
-    deepest = depth = 0
-    for bracket in STRING.sub("", text):
-        if bracket in "[{":
-            depth += 1
-            deepest = max(deepest, depth)
-        elif bracket in "]}":
-            depth -= 1
-    return deepest
-
-
-def _check_values(value: Any, where: str, key: str = "") -> None:
-    """Raise an error that names the first number that was refused, or the first half character."""
-    named = f"{where}, {key}" if key else where
-    if isinstance(value, _Refused):
-        need = f"need a finite number of at most {MAX_DIGITS} digits"
-        raise InputError(f"{named}: {need}, got {value.text:.40}")
-    if isinstance(value, str):
-        _check_text(value, named)
-    elif isinstance(value, list):
-        for number, part in enumerate(value):
-            _check_values(part, where, f"{key}[{number}]")
-    elif isinstance(value, dict):
-        for name, part in value.items():
-            _check_text(name, named)
-            _check_values(part, where, f"{key}.{name}" if key else name)
-
-
-def _check_text(text: str, where: str) -> None:
-    try:
-        text.encode()
-    except UnicodeEncodeError:
-        raise InputError(f"{where}: holds half of a character, {text!a:.60}; use UTF-8") from None
+def _depth(value: Any) -> int:
+    """The largest number of lists and objects that lie one inside the other."""
+    if not isinstance(value, list | dict):
+        return 0
+    return 1 + max(map(_depth, value.values() if isinstance(value, dict) else value), default=0)
 
 
 def is_file(path: Path) -> bool:
@@ -150,10 +113,7 @@ def is_file(path: Path) -> bool:
     A name that no file system takes, such as one of 300 bytes, leads to none; devices and pipes,
     which may never end, are no regular files.
     """
-    try:
-        return stat.S_ISREG(os.stat(path).st_mode)
-    except (OSError, ValueError):
-        return False
+    return os.path.isfile(path)
 
 
 def is_no_file(path: Path) -> bool:
@@ -164,10 +124,7 @@ def is_no_file(path: Path) -> bool:
     >>> is_no_file(Path("/dev/null")), is_no_file(Path("new.png"))
     (True, False)
     """
-    try:
-        return not stat.S_ISREG(os.stat(path).st_mode)
-    except (OSError, ValueError):
-        return False
+    return os.path.exists(path) and not os.path.isfile(path)
 
 
 def read_bounded(file: Path, max_bytes: int) -> bytes:
