@@ -34,7 +34,7 @@ MAY_IMPORT = {
 MINIMAL = {"numpy", "cv2", "onnxruntime", "filelock", "PIL"}
 """All that sender and receiver may need, beside the standard library."""
 LEANS_ON_ANOTHER = re.compile(r"(Of|The same|As of|As in|See|Those|That of)\b")
-LAB_ONLY = ["torch", "kornia", "sklearn", "skimage", "scipy", "onnx", "joblib", "tyro", "tqdm"]
+LAB_ONLY = ["torch", "kornia", "sklearn", "onnx", "joblib", "tyro", "tqdm"]
 
 
 def sources() -> list[Path]:

