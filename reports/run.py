@@ -16,7 +16,7 @@
 import json
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, is_dataclass
+from dataclasses import dataclass, is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -32,7 +32,7 @@ from reports.captured.evidence import FilmEvidence
 from reports.engine.checked import Count, Number, checked
 from reports.engine.provenance import Machine, Making, commit, machine
 from reports.engine.records import read_predictions
-from reports.score.accuracy import score, to_score_rows, write_scores
+from reports.score.accuracy import STORED, score, write_scores
 
 T = TypeVar("T")
 MAX_PICTURE_BYTES = 64 * 2**20
@@ -230,9 +230,7 @@ class RunFolder:
         """
         scores = score(records)
         write_scores(self.path / "metrics.json", scores, meta)
-        rows = pd.DataFrame([asdict(row) for row in to_score_rows(scores)])
-        rows.insert(0, "condition", scores["condition"].to_numpy())
-        write_bytes(self.path / CSV, rows.to_csv(index=False).encode())
+        write_bytes(self.path / CSV, scores[STORED].to_csv(index=False).encode())
         write_bytes(self.path / "tables.md", f"{tables}\n".encode())
 
     def write(self, name: str, content: object) -> None:

@@ -6,16 +6,14 @@ score table also keeps the sum of squares that `clustered_interval` needs.
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from pydantic import FiniteFloat
 
 from link.outside import read_json
-from reports.engine.checked import Count, Share, checked, write_json
+from reports.engine.checked import write_json
 from reports.engine.records import CELL
 from reports.score.intervals import clustered_interval, wilson
 from reports.score.paper import paper_accuracy
@@ -25,44 +23,8 @@ SCORES = [
     "accuracy", "ci_low", "ci_high", "paper",
 ]  # fmt: skip
 """Columns of a score table; `score` says what they hold."""
-
-
-@dataclass(frozen=True)
-class ScoreRow:
-    """One row of a stored score table, against which files are checked."""
-
-    method: str
-    """Label of the method."""
-    pair: str
-    """Name of the camera-display pair."""
-    view_deg: FiniteFloat | None
-    """Angle of observation, degrees."""
-    kappa: Count | None
-    """Gray levels added for a bit 1."""
-    frames: Count
-    """Number of frame pairs."""
-    bits: Count
-    """Number of bits whose truth is known."""
-    correct: Count
-    """Number of bits that were decided right."""
-    correct_squared: Count
-    """Sum over frame pairs of (right bits)^2."""
-    accuracy: Share | None
-    """Share of right bits; None where no truth is known."""
-    ci_low: Share
-    """Lower end of Wilson's 95 % interval of the accuracy, as if bits were independent."""
-    ci_high: Share
-    """Upper end of that interval."""
-
-
-@dataclass(frozen=True)
-class StoredScores:
-    """Content of a metrics.json."""
-
-    meta: dict[str, Any]
-    """Provenance of the scores."""
-    rows: list[ScoreRow]
-    """One row for each method in each cell."""
+STORED = SCORES[:-1]
+"""Columns that metrics.json and metrics.csv have: all but the paper's numbers."""
 
 
 def score(records: pd.DataFrame, *, in_paper: bool = True) -> pd.DataFrame:
@@ -75,8 +37,10 @@ def score(records: pd.DataFrame, *, in_paper: bool = True) -> pd.DataFrame:
 
     Returns:
         `SCORES`: ``frames`` frame pairs, ``bits`` whose truth is known, ``correct`` ones,
-        ``accuracy`` in [0, 1] (missing where no truth is known), Wilson's interval as if bits were
-        independent, and the accuracy that the ``paper`` prints for this cell, missing elsewhere.
+        ``correct_squared``, the sum of (right bits)^2 over the frame pairs, ``accuracy`` in [0, 1]
+        (missing where no truth is known), Wilson's 95 % interval ``ci_low`` to ``ci_high`` as if
+        bits were independent, and the accuracy that the ``paper`` prints for this cell, missing
+        elsewhere.
     """
     counted = records[["condition", "method", *CELL, "known", "correct"]].copy()
     counted["squared"] = counted["correct"] ** 2
@@ -121,41 +85,26 @@ def pool(scores: pd.DataFrame, by: Sequence[str] = ("method",)) -> pd.DataFrame:
 
 def write_scores(file: Path, scores: pd.DataFrame, meta: dict[str, Any]) -> None:
     """Write a score table as metrics.json (strict JSON): {"meta": ..., "rows": [...]}."""
-    write_json(file, {"meta": meta, "rows": [asdict(row) for row in to_score_rows(scores)]})
-
-
-def to_score_rows(scores: pd.DataFrame) -> list[ScoreRow]:
-    """Turn a score table of one condition into rows that JSON can hold."""
-    kept = scores.drop(columns=["condition", "paper"])[[field.name for field in fields(ScoreRow)]]
-    rows = [
-        {key: None if pd.isna(value) else value for key, value in row.items()}
-        for row in kept.to_dict("records")
-    ]
-    return checked(list[ScoreRow], rows, "scores")
+    rows = scores[STORED].astype(object).where(scores[STORED].notna(), None)
+    write_json(file, {"meta": meta, "rows": rows.to_dict("records")})
 
 
 def read_scores(file: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
     """Rows and meta of a metrics.json that `write_scores` wrote.
 
     Returns:
-        a score table whose only condition is "", and what produced it.
+        a score table, and what produced it.
 
     Raises:
-        InputError: the file is missing or damaged.
+        InputError: the file is missing, or no JSON.
     """
-    content = checked(StoredScores, read_json(file), str(file))
-    return to_scores(content.rows), content.meta
-
-
-def to_scores(rows: Sequence[ScoreRow]) -> pd.DataFrame:
-    """Turn stored rows into a score table, whose only condition is ""."""
-    table = pd.DataFrame([vars(row) for row in rows], columns=SCORES)
-    table["condition"] = ""
+    content = read_json(file)
+    table = pd.DataFrame(content["rows"], columns=SCORES)
     table["view_deg"] = pd.to_numeric(table["view_deg"]).astype("Float64")
     table["kappa"] = pd.to_numeric(table["kappa"]).astype("Int64")
     table["accuracy"] = table["accuracy"].astype(float)
     table["paper"] = _printed(table)
-    return table
+    return table, content["meta"]
 
 
 def _printed(table: pd.DataFrame) -> list[float]:
