@@ -42,7 +42,7 @@ from models.phi.training import (
 from reports.captured.training_set import own_set
 from reports.engine.digest import code_digest
 from reports.engine.records import write_lines
-from reports.evaluation.trained import BEFORE, FinalTest, evaluate_own, export_and_evaluate
+from reports.evaluation.trained import BEFORE, export_and_evaluate, own_test, simulated_test
 from reports.film_training import FilmTrainConfig, train_films
 from reports.run import claim_folder
 
@@ -115,11 +115,11 @@ def main() -> None:
     pairs = tuple(PAIRS) if config.pair == "all" else (get_pair(config.pair).name,)
     layouts = LAYOUTS[config.layouts]
     plan = EpisodePlan(config.episodes // len(layouts), config.kappas, config.max_view)
-    test = FinalTest(config.pair, pairs, config.frames, config.seed, config.jobs)
+    test = simulated_test(config.pair, pairs, layouts, config.frames, config.seed, config.jobs)
     own = None
     if config.captures is not None:
         own = own_set(config.captures, films=False, seed=config.seed)
-        layouts = (own.test[0].layout,)
+        layouts, test = (own.test[0].layout,), own_test(config.captures, own)
     module = initial_decoder(layouts[0], config.decoder, config.start).to(config.device)
     usual = "own" if own else config.pair
     folder, settings = config.out or Path("runs") / usual, training_settings(config)
@@ -127,22 +127,17 @@ def main() -> None:
         claim_folder(folder, settings, "train", UNDECISIVE)
         save_checkpoint(folder / BEFORE, module.cpu(), {})
         module.to(config.device)
-        if own is not None and config.captures is not None:
-            train(module, {layouts[0]: own.episodes()}, config, folder)
-            save_checkpoint(folder, module.cpu(), {"train": settings})
-            print(evaluate_own(module, config.captures, own, folder, settings))
-            print(f"written: {folder}/report.html")
-            (folder / STATE).unlink(missing_ok=True)
-            return
-        episodes = {
-            layout: simulate_episodes(
-                Source(layout, "train", config.seed), pairs, plan, config.jobs
-            )
-            for layout in layouts
-        }
+        if own is not None:
+            episodes = {layouts[0]: own.episodes()}
+        else:
+            sources = {layout: Source(layout, "train", config.seed) for layout in layouts}
+            episodes = {
+                layout: simulate_episodes(source, pairs, plan, config.jobs)
+                for layout, source in sources.items()
+            }
         train(module, episodes, config, folder)
         save_checkpoint(folder, module.cpu(), {"train": settings})
-        print(export_and_evaluate(module, layouts, test, folder, settings))
+        print(export_and_evaluate(module, test, folder, settings))
         print(f"written: {folder}/report.html")
         (folder / STATE).unlink(missing_ok=True)
 

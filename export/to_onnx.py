@@ -16,7 +16,6 @@ from onnxscript.values import Opset
 from torch.onnx._internal.exporter import _ir_passes
 
 from export.film_graph import FILM_FORMAT, FilmGraph
-from export.orphan import end_with_parent
 from export.parity import Parity, compare_films, compare_with_torch
 from export.runtime import FORMAT, Decoder
 from link import __version__
@@ -227,7 +226,6 @@ def export(
     Raises:
         InputError: torch and onnxruntime disagree; nothing is left under that name.
     """
-    end_with_parent()
     data = to_onnx(module, run_name, training)
     return _write_checked(
         path, data, lambda file: compare_with_torch(module, Decoder(file), frames, seed=1)

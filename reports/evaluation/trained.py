@@ -1,9 +1,7 @@
 """End of a training: the ONNX file, and the comparison on held-out pictures and draws."""
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +18,7 @@ from reports.captured.training_set import OwnSet
 from reports.engine.backends import Backend
 from reports.engine.conditions import condition_names
 from reports.engine.methods import Method, methods_for
-from reports.engine.predict import Condition, paper_cells, predict, predict_all, recorded_conditions
+from reports.engine.predict import Condition, paper_cells, predict, recorded_conditions
 from reports.engine.provenance import provenance
 from reports.evaluation.page import write_report
 from reports.render.tables import summary_table
@@ -38,90 +36,91 @@ FEW = ("naive", "oorc", "learned")
 
 @dataclass(frozen=True)
 class FinalTest:
-    """The held-out frame pairs on which a trained decoder is compared with the other methods."""
+    """The held-out observations on which a trained decoder is compared with other methods."""
 
-    name: str
-    """Word of the tables' titles for the pairs, such as "all"."""
-    pairs: tuple[str, ...]
-    """Names of the camera-display pairs."""
-    frames: int
-    """Number of held-out frame pairs in each cell."""
-    seed: int
+    title: str
+    """Beginning of the tables' titles, which the names of conditions end."""
+    conditions: Sequence[Condition]
+    """Frame pairs that are decoded; one condition's table stands for itself."""
+    methods: Sequence[str]
+    """Names of the other methods."""
+    in_paper: bool
+    """Whether cells may be the paper's, which have patches."""
+    seed: int = 0
     """Seed of every random draw."""
-    jobs: int
+    jobs: int = 1
     """Number of processes that decode."""
+    captures: str = ""
+    """Folder of the own captures; empty where they are simulated."""
+
+
+def simulated_test(
+    name: str,
+    pairs: tuple[str, ...],
+    layouts: Sequence[Layout],
+    frames: int,
+    seed: int,
+    jobs: int,
+) -> FinalTest:
+    """Test a decoder on the paper's cells of each of its layouts.
+
+    Args:
+        name: word for the pairs, such as "all".
+        pairs: names of the camera-display pairs.
+        layouts: layouts for which the decoder was trained.
+        frames: number of held-out frame pairs in each cell.
+        seed: seed of every random draw.
+        jobs: number of processes that decode.
+    """
+    conditions = [
+        Condition(words, Source(layout, "test", seed), paper_cells(pairs), frames)
+        for words, layout in zip(condition_names(layouts), layouts, strict=True)
+    ]
+    title = f"{name}: 0° and 45°, κ 5 and 3, held-out pictures and channel draws, simulated"
+    patches = not layouts[0].pilots
+    return FinalTest(title, conditions, OF_PAIRS if patches else FEW, patches, seed, jobs)
+
+
+def own_test(captures: Path, own: OwnSet) -> FinalTest:
+    """Test a decoder on those of a folder of own captures that were held out."""
+    conditions = recorded_conditions(read_manifest(captures), own.held_out)
+    patches = not own.test[0].layout.pilots
+    return FinalTest("Held-out recordings", conditions, FEW, patches, captures=str(captures))
 
 
 def export_and_evaluate(
-    module: PhiDecoder,
-    layouts: Sequence[Layout],
-    test: FinalTest,
-    folder: Path,
-    settings: Mapping[str, object],
+    module: PhiDecoder, test: FinalTest, folder: Path, settings: Mapping[str, object]
 ) -> str:
-    """Export a trained decoder, and compare it on the paper's cells of each of its layouts.
+    """Export a trained decoder, and compare it with the one before and with other methods.
 
     Args:
         module: the trained decoder, on the CPU.
-        layouts: layouts for which it was trained.
-        test: frame pairs on which it is compared.
-        folder: holds its checkpoint; takes decoder.onnx, predictions.jsonl and metrics.json.
-        settings: settings of the training, which the ONNX file carries.
-
-    Returns:
-        a table for each layout, and a line on how well torch and onnxruntime agree.
-    """
-    conditions = [
-        Condition(name, Source(layout, "test", test.seed), paper_cells(test.pairs), test.frames)
-        for name, layout in zip(condition_names(layouts), layouts, strict=True)
-    ]
-    methods = [
-        *methods_for(FEW if layouts[0].pilots else OF_PAIRS, folder),
-        untrained(folder),
-    ]
-    model = folder / "decoder.onnx"
-    with ProcessPoolExecutor(1, get_context("spawn")) as pool:  # torch exports with one thread
-        exported = pool.submit(export, module, model, folder.name, PARITY_FRAMES, settings)
-        records = predict_all(conditions, methods, folder / PREDICTIONS, Backend(test.jobs))
-        parity = exported.result()
-    title = f"{test.name}: 0° and 45°, κ 5 and 3, held-out pictures and channel draws, simulated"
-    lines = []
-    for condition in conditions:
-        mine = records[records["condition"] == condition.name]
-        scores = score(mine, in_paper=not condition.source.layout.pilots)
-        lines.append(summary_table(scores, f"{title}{condition.name}").markdown())
-    lines.append(
-        f"\n{model}: torch and onnxruntime agree on all {parity.bits} bits of {parity.frames} "
-        f"synthetic frame pairs, scores within {parity.max_difference:.1e}"
-    )
-    write_page(folder, records, "\n".join(lines), settings, test.seed, simulated=True)
-    return "\n".join(lines)
-
-
-def evaluate_own(
-    module: PhiDecoder, captures: Path, own: OwnSet, folder: Path, settings: Mapping[str, object]
-) -> str:
-    """Export a decoder that was trained on own captures, and compare it on those held out.
-
-    Args:
-        module: the trained decoder, on the CPU.
-        captures: folder with the captures.
-        own: which of them are held out.
+        test: what it is compared on.
         folder: holds the checkpoints; takes decoder.onnx and the files of a run.
         settings: settings of the training, which the ONNX file carries.
 
     Returns:
-        a table, and a line on what training has changed.
+        a table for each condition, and a line on how well torch and onnxruntime agree.
     """
-    export(module, folder / "decoder.onnx", folder.name, PARITY_FRAMES, settings)
-    methods = [*methods_for(FEW, folder), untrained(folder)]
-    conditions = recorded_conditions(read_manifest(captures), own.held_out)
-    predicted = predict(conditions, methods, folder / PREDICTIONS, Backend())
+    model = folder / "decoder.onnx"
+    parity = export(module, model, folder.name, PARITY_FRAMES, settings)
+    methods = [*methods_for(test.methods, folder), untrained(folder)]
+    predicted = predict(test.conditions, methods, folder / PREDICTIONS, Backend(test.jobs))
     if predicted.failed:
         raise InputError(predicted.failed[0])
     records = predicted.records
-    text = "\n".join([held_out_table(records, "learned"), *predicted.left_out])
-    write_page(folder, records, text, settings, 0, simulated=False, captures=str(captures))
+    tables = [
+        held_out_table(mine, "learned", f"{test.title}{name}", in_paper=test.in_paper)
+        for name, mine in records.groupby("condition", sort=False)
+    ]
+    agree = (
+        f"{model}: torch and onnxruntime agree on all {parity.bits} bits of {parity.frames} "
+        f"synthetic frame pairs, scores within {parity.max_difference:.1e}"
+    )
+    text = "\n\n".join([*tables, *predicted.left_out, agree])
+    stated = {"captures": test.captures} if test.captures else {}
+    simulated = not test.captures
+    write_page(folder, records, text, settings, test.seed, simulated=simulated, **stated)
     return text
 
 
@@ -130,17 +129,25 @@ def untrained(folder: Path) -> Method:
     return Method("learned", (("checkpoint", folder / BEFORE),), BEFORE)
 
 
-def held_out_table(records: pd.DataFrame, trained: str) -> str:
+def held_out_table(
+    records: pd.DataFrame,
+    trained: str,
+    title: str = "Held-out recordings",
+    *,
+    in_paper: bool = True,
+) -> str:
     """Tabulate held-out captures, and say what training has changed, with its interval.
 
     Args:
         records: predictions, by `BEFORE` among others.
         trained: label of the trained decoder.
+        title: beginning of the table's title.
+        in_paper: whether cells may be the paper's.
     """
     paired = compare_methods(records, trained, BEFORE, np.random.default_rng(0))
-    title = f"Held-out recordings; points and errors of {trained} against {BEFORE}"
+    words = f"{title}; points and errors of {trained} against {BEFORE}"
     against = {str(m): paired if m == trained else None for m in records["method"].unique()}
-    return summary_table(score(records), title, against).markdown()
+    return summary_table(score(records, in_paper=in_paper), words, against).markdown()
 
 
 def write_page(

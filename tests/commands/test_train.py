@@ -1,5 +1,4 @@
 import json
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -73,10 +72,9 @@ def test_train_writes_a_run(run_folder: Path) -> None:
 def test_training_again_into_the_same_folder_evaluates_the_new_decoder(
     tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Without the export, which takes long, and the process that exports."""
+    """Without the export, which takes long."""
     monkeypatch.setattr(final_evaluation, "export", lambda *_: Parity(1, 59, 0, 0.0, 1.0, 0.5))
     monkeypatch.setattr(final_evaluation, "OF_PAIRS", FEW)
-    monkeypatch.setattr(final_evaluation, "ProcessPoolExecutor", lambda *_: ThreadPoolExecutor(1))
     small = ["--episodes", "2", "--rounds", "1", "--steps", "1", "--batch", "2", "--jobs", "1"]
     small += ["--frames", "1", "--out", str(tmp_path)]
     command(train.main, *small)
