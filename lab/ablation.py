@@ -82,9 +82,9 @@ def measure_ablation(flags: AblationFlags, workshop: Workshop) -> Ablation:
     rows += ["learned"] if flags.learned else []
     methods = [row_method(row, flags.run) for row in rows]
     records = workshop.predict(conditions, methods)
-    entries, behind = compare_rows(records, flags.seed)
+    entries = compare_rows(records, flags.seed)
     curves = reliability_curves(records, [row for row in rows if row in WHOLE_DECODERS])
-    return Ablation(entries, behind, curves)
+    return Ablation(entries, curves)
 
 
 def ablation_blocks(results: Mapping[str, Results[Ablation]]) -> dict[str, str]:

@@ -56,12 +56,11 @@ def against_oorc(docs: Path) -> str:
     entries = by_row_and_condition(results)
     ours, theirs = entries["learned", "paper"], entries["oorc", "paper"]
     paired = ours.against["oorc"]
-    cells = [cell for cell in results.content.behind_oorc if cell.row == "learned"]
     return (
         f"Of {ours.bits:,} simulated bits in the paper’s cells `learned` reads {ours.errors:,} "
         f"wrong and `oorc` {theirs.errors:,}. That is {percent(paired.ratio, 1)} % of them "
         f"(95 % interval {share_interval(paired.ratio_low, paired.ratio_high or 0.0, 1)}), and "
-        f"`learned` is behind in {len(cells)} of 36 cells (`{results.meta['command']}`)."
+        f"`learned` is behind in {ours.cells_behind} of 36 cells (`{results.meta['command']}`)."
     )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from reports.ablation.switches import ADDED, REMOVED, WHOLE_DECODERS
-from reports.engine.checked import Count, Number, Share
+from reports.engine.checked import Count, Share
 from reports.score.accuracy import pool, score
 from reports.score.paired import COUNTS, Paired, cells_behind, compare, tally
 from reports.score.reliability import Bin
@@ -42,28 +42,8 @@ class AblationEntry:
     """Upper end of the 95 % interval of ``error``."""
     against: dict[str, Paired]
     """Comparison with each reference row that was decoded, other than the row itself."""
-
-
-@dataclass(frozen=True)
-class CellBehind:
-    """A cell in which a decoder to use is behind OORC beyond the paired 95 % interval."""
-
-    row: str
-    """Name of the decoder's row."""
-    condition: str
-    """Name of the setting of the channel."""
-    pair: str
-    """Name of the camera-display pair."""
-    view_deg: Number
-    """Angle of observation, degrees."""
-    kappa: Count
-    """Gray levels added for a bit 1."""
-    difference: Number
-    """Accuracy of the decoder less that of OORC, points."""
-    low: Number
-    """Lower end of the interval of the difference, points."""
-    high: Number
-    """Upper end of the interval of the difference, points; below 0."""
+    cells_behind: Count = 0
+    """Number of cells in which a decoder to use is behind OORC beyond the paired 95 % interval."""
 
 
 @dataclass(frozen=True)
@@ -72,8 +52,6 @@ class Ablation:
 
     entries: list[AblationEntry]
     """One entry for each row in each condition."""
-    behind_oorc: list[CellBehind]
-    """Cells in which a decoder to use is behind OORC."""
     curves: dict[str, dict[str, list[Bin]]] = field(default_factory=dict)
     """Reliability of the decoders to use, by row and condition; `reports.score.reliability.ALL`
     stands for all conditions. Empty in results that were stored before it was."""
@@ -91,26 +69,25 @@ class Ablation:
                 raise ValueError(f"{entry.row:.40} lacks a comparison")
 
 
-def compare_rows(records: pd.DataFrame, seed: int) -> tuple[list[AblationEntry], list[CellBehind]]:
+def compare_rows(records: pd.DataFrame, seed: int) -> list[AblationEntry]:
     """Count the errors of every row in every condition, and compare rows with the references.
 
     Args:
         records: predictions of all rows in all conditions.
         seed: seed of the resamples, which are the same for every comparison.
-
-    Returns:
-        one entry for each condition and row, and one for each cell in which a decoder to use is
-        behind OORC beyond the paired 95 % interval.
     """
-    entries, behind = [], []
+    entries = []
     for condition, mine in records.groupby("condition", sort=False):
         rows = list(mine["method"].unique())
         for row in pool(score(mine)).itertuples():
-            against = {}
+            against, behind = {}, 0
             for reference in REFERENCES:
                 if reference in rows and reference != row.method:
-                    counts = tally(mine, row.method, reference)[COUNTS].to_numpy()
-                    against[reference] = compare(counts, np.random.default_rng(seed))
+                    counts = tally(mine, row.method, reference)
+                    rng = np.random.default_rng(seed)
+                    against[reference] = compare(counts[COUNTS].to_numpy(), rng)
+                    if reference == "oorc" and row.method in WHOLE_DECODERS:
+                        behind = cells_behind(counts, np.random.default_rng(seed))
             entries.append(
                 AblationEntry(
                     row=row.method,
@@ -122,22 +99,7 @@ def compare_rows(records: pd.DataFrame, seed: int) -> tuple[list[AblationEntry],
                     ci_low=1 - row.high,
                     ci_high=1 - row.low,
                     against=against,
+                    cells_behind=behind,
                 )
             )
-        for row in rows:
-            if row in WHOLE_DECODERS:
-                rng = np.random.default_rng(seed)
-                for cell, paired in cells_behind(mine, row, "oorc", rng):
-                    behind.append(
-                        CellBehind(
-                            row=row,
-                            condition=str(condition),
-                            pair=str(cell["pair"]),
-                            view_deg=float(cell["view_deg"]),
-                            kappa=int(cell["kappa"]),
-                            difference=paired.difference,
-                            low=paired.low,
-                            high=paired.high,
-                        )
-                    )
-    return entries, behind
+    return entries

@@ -145,7 +145,7 @@ def ranked_comparisons(run: Run) -> dict[str, Paired | None]:
 def ablation_exhibits(run: Run) -> tuple[Markup, list[Table]]:
     """Draw and tabulate what each part of the decoder is worth."""
     known = run.records[run.records["known"] > 0]
-    ablation = Ablation(*compare_rows(known, run.seed))
+    ablation = Ablation(compare_rows(known, run.seed))
     kind = "simulated captures" if run.simulated else "recorded captures"
     figure = to_svg(ablation_figure(ablation, kind), "What each part is worth")
     return figure, ablation_tables(ablation)

@@ -77,7 +77,7 @@ def stored_ablation(folder: Path, *predictions: list[dict[str, Any]]) -> Ablatio
     records = to_records([line for mine in predictions for line in mine])
     meta = {"seed": 0, "simulated": True, "command": "python"}
     file = folder / "ablation.json"
-    write_results(file, Results(meta, Ablation(*compare_rows(records, 0))))
+    write_results(file, Results(meta, Ablation(compare_rows(records, 0))))
     return read_results(STUDY, file).content
 
 
@@ -102,7 +102,7 @@ def test_an_entry_states_error_and_difference(tmp_path: Path) -> None:
     assert [asdict(entry) for entry in stored.entries] == written
 
 
-def test_cells_behind_oorc_are_named(tmp_path: Path) -> None:
+def test_cells_behind_oorc_are_counted(tmp_path: Path) -> None:
     stored_ablation(
         tmp_path,
         lines("oorc", 1),
@@ -110,10 +110,10 @@ def test_cells_behind_oorc_are_named(tmp_path: Path) -> None:
         lines("oorc", 2, "shift"),
         lines("full", 1, "shift"),
     )
-    (cell,) = json.loads((tmp_path / "ablation.json").read_text())["behind_oorc"]
-    place = {name: cell[name] for name in ("row", "condition", "pair", "view_deg", "kappa")}
-    assert place == {
-        "row": "full", "condition": "jpeg", "pair": "canon-lg", "view_deg": 0.0, "kappa": 3,
+    entries = json.loads((tmp_path / "ablation.json").read_text())["entries"]
+    behind = {(each["row"], each["condition"]): each["cells_behind"] for each in entries}
+    assert behind == {
+        ("oorc", "jpeg"): 0, ("full", "jpeg"): 1, ("oorc", "shift"): 0, ("full", "shift"): 0,
     }  # fmt: skip
 
 
