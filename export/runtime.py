@@ -123,32 +123,22 @@ class Decoder:
     def _checked(self, path: Path) -> tuple[Layout, list[str]]:
         """The layout and the features' names, once the graph is known to fit them."""
         inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
-        foreign = InputError(f"{path}: not a decoder of this version; export it again")
         names = [[node.name for node in nodes] for nodes in (inputs, outputs)]
         if self.metadata.get("format") != FORMAT or names != [
             ["original", "embedded"],
             ["scores", "head"],
         ]:
-            raise foreign
-        for node in inputs:
-            if node.type != "tensor(uint8)" or len(node.shape) != 4 or node.shape[1] != 3:
-                raise foreign
-        for node in outputs:
-            if node.type != "tensor(float)" or len(node.shape) != 2:
-                raise foreign
-        if "layout" not in self.metadata:
-            raise InputError(f"{path}: carries no layout; export it again")
+            raise InputError(f"{path}: not a decoder of this version; export it again")
         try:
-            layout = Layout.from_dict(parse_json(self.metadata["layout"], "layout"))
+            layout = Layout.from_dict(parse_json(self.metadata.get("layout", "null"), "layout"))
         except InputError as error:
             raise InputError(f"{path}: carries no layout; export it again ({error})") from None
         features = parse_json(self.metadata.get("features", "null"), f"{path}, features")
         if not isinstance(features, list) or not all(isinstance(name, str) for name in features):
             raise InputError(f"{path}: its features are no list of names; export it again")
-        for what, width, needed in (
-            ("scores", outputs[0].shape[1], layout.n_bits),
-            ("weights", outputs[1].shape[1], len(features) + 1),
-        ):
+        needs = ("scores", layout.n_bits), ("weights", len(features) + 1)
+        for (what, needed), node in zip(needs, outputs, strict=True):
+            *_, width = node.shape or [None]
             if isinstance(width, int) and width != needed:
                 raise InputError(
                     f"{path}: gives {width} {what} where its metadata says {needed}; export it "

@@ -210,9 +210,6 @@ def export(
 ) -> Parity:
     """Write an .onnx file once its parity with torch is shown.
 
-    In a process that `multiprocessing` started, such as that of ``train.py``, the process ends with
-    its parent, whose lock keeps others out of the folder.
-
     Args:
         module: the decoder in torch.
         path: the .onnx file.

@@ -194,18 +194,9 @@ class Layout:
     def from_dict(cls, data: Any) -> "Layout":
         """Make a layout from what `to_dict` wrote.
 
-        The key "colour", which layouts had once, may be there and say "gray".
-
         Raises:
-            InputError: a key is missing, unknown or of the wrong type, or bits change a colour.
+            InputError: a key is missing, unknown or of the wrong type.
         """
-        if isinstance(data, dict) and "colour" in data:
-            if data["colour"] != "gray":
-                raise InputError(
-                    f"layout: colour must be 'gray', got {data['colour']!r:.60}; send the message "
-                    "anew, with bits that change gray levels"
-                )
-            data = {key: value for key, value in data.items() if key != "colour"}
         keys = [field.name for field in fields(cls)]
         if not isinstance(data, dict) or not set(keys[:5]) <= set(data) <= set(keys):
             raise InputError(

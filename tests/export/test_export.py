@@ -350,16 +350,16 @@ def test_a_model_that_reads_another_file_is_refused(
 
 SCALAR, NAN, INF = np.float32(1), np.full((1, 7), np.nan), np.full((1, 59), np.inf)
 OUTPUTS: dict[str, tuple[dict[str, Any], dict[str, onnx.ValueInfoProto], str]] = {
-    "scalar": ({"s": SCALAR}, {"scores": described("scores", FLOAT)}, "not a decoder"),
+    "scalar": ({"s": SCALAR}, {"scores": described("scores", FLOAT)}, "no valid scores"),
     "empty": ({"h": np.zeros((0, 7), np.float32)}, {}, "no valid scores"),
     "narrow": ({"h": np.zeros((1, 6), np.float32)}, {}, "gives 6 weights where its"),
     "nan": ({"h": NAN.astype(np.float32)}, {}, "no valid scores"),
     "inf": ({"s": INF.astype(np.float32)}, {}, "no valid scores"),
-    "float64": ({"s": INF}, {"scores": described("scores", 11, 1, 59)}, "not a decoder"),
+    "float64": ({"s": INF}, {"scores": described("scores", 11, 1, 59)}, "no valid scores"),
     "sequence": (
         {},
         {"scores": onnx.helper.make_tensor_sequence_value_info("scores", FLOAT, None)},
-        "not a ",
+        "no valid scores",
     ),
 }
 """Constants and outputs of a handmade model that no decoder has, and what is said of it."""

@@ -268,16 +268,6 @@ def test_the_modulation_must_be_text(value: Any) -> None:
         Layout.from_dict(as_dict(modulation=value))
 
 
-def test_a_stored_layout_may_say_that_its_bits_are_gray() -> None:
-    assert Layout.from_dict(as_dict(colour="gray")) == make_layout()
-
-
-@pytest.mark.parametrize("value", ["chroma", "", None, ["gray"]])
-def test_a_stored_layout_of_another_colour_is_refused(value: Any) -> None:
-    with pytest.raises(InputError, match=r"^layout: colour must be 'gray', got .*; send the mess"):
-        Layout.from_dict(as_dict(colour=value))
-
-
 @cases(None, [5], [[0, 1, 2]], [["a", "b"]], [[math.nan, 0]], [[0.5, 1]])
 def test_patches_must_be_pairs(ratex: Any) -> None:
     with pytest.raises(InputError, match="ratex must be a list of"):
