@@ -9,7 +9,6 @@ own, which know of dark screens.
 import hashlib
 import io
 import re
-import xml.etree.ElementTree as ET
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import wraps
@@ -18,7 +17,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import matplotlib
 import numpy as np
-from markupsafe import Markup
+from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
@@ -36,8 +35,19 @@ R = TypeVar("R")
 
 INK, MUTED, RULE, PAPER = "#1b1f24", "#5c6670", "#d9dee3", "#ffffff"
 """Colours of text, of what is less important, of thin lines, and of the page behind them."""
-ON_PAGE = {INK: "currentColor", MUTED: "var(--muted)", RULE: "var(--rule)", PAPER: "var(--paper)"}
-"""Variables of report.css that replace the drawn colours in an SVG of the page."""
+OF_PAGES = (
+    (INK, "currentColor"),
+    (MUTED, "var(--muted)"),
+    (RULE, "var(--rule)"),
+    (PAPER, "var(--paper)"),
+    (r"font-family: [^;]*; ", ""),
+    (r"xlink:href", "href"),
+    (r'<g id="[^"]*">', "<g>"),
+    (r' transform="rotate\(-0 [^"]*"', ""),
+    (r"\s+", " "),
+)
+"""Patterns of matplotlib's SVG, and what the page has in their places: variables of report.css for
+the drawn colours, the page's font, and less space."""
 SPARE_COLOURS = ("#7a8a2a", "#5a7d8c", "#a8584a", "#6b6bb0")
 """Colours of labels that are no method's."""
 SPARE_MARKERS = ("o", "s", "D", "^", "v")
@@ -50,11 +60,6 @@ PANEL_IN = (5.0, 3.9)
 """Width and height of a panel with its labels, inches; 72 of the SVG's units are an inch."""
 LEGEND_IN = 1.4
 """Width beside a panel in which its lines are named, inches."""
-SVG = "{http://www.w3.org/2000/svg}"
-"""Namespace of SVG, as ElementTree writes it before the names of elements."""
-LINK = "{http://www.w3.org/1999/xlink}href"
-"""Attribute by which an element of SVG refers to another."""
-
 STYLE: dict[str, Any] = {
     "font.size": 11.5,
     "axes.titlesize": 12,
@@ -302,44 +307,12 @@ def to_svg(figure: Figure, title: str) -> Markup:
     """
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
-    text = re.sub(r"[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", "", buffer.getvalue())
-    root = ET.fromstring(text)  # without the characters that no XML may hold
-    for child in [root.find(f"{SVG}metadata"), *root.findall(f"{SVG}defs/{SVG}style/..")]:
-        if child is not None:
-            root.remove(child)
-    prefix = hashlib.sha256(f"{title}\n{text}".encode()).hexdigest()[:8]
-    for element in root.iter():
-        _simplify(element, prefix)
-    size = root.attrib["viewBox"]
-    root.attrib.clear()
-    root.attrib.update({"viewBox": size, "role": "img", "aria-label": title})
-    spoken = ET.Element("title")
-    spoken.text = title
-    root.insert(0, spoken)
-    return Markup(ET.tostring(root, encoding="unicode"))
-
-
-def _simplify(element: ET.Element, prefix: str) -> None:
-    """Make an element of matplotlib's SVG one of the page: unique ids, colours, no namespaces."""
-    element.tag = element.tag.removeprefix(SVG)
-    attributes = element.attrib
-    if LINK in attributes:
-        attributes["href"] = attributes.pop(LINK).replace("#", f"#{prefix}")
-    name = attributes.pop("id", "")
-    if element.tag in ("path", "clipPath"):
-        attributes["id"] = prefix + name
-    if not name:
-        attributes.pop("id", None)
-    if "clip-path" in attributes:
-        attributes["clip-path"] = attributes["clip-path"].replace("#", f"#{prefix}")
-    style = attributes.get("style", "")
-    style = re.sub(r"font-family: [^;]*; ", "", style)
-    for drawn, shown in ON_PAGE.items():
-        style = style.replace(drawn, shown)
-    if style:
-        attributes["style"] = style
-    if attributes.get("transform", "").startswith("rotate(-0 "):
-        del attributes["transform"]
-    element.tail = None
-    if element.tag == "g":
-        element.text = None
+    drawn = re.sub(r"[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", "", buffer.getvalue())
+    box = re.search(r'viewBox="[^"]*"', drawn)
+    assert box is not None, "matplotlib states it"
+    _, body = drawn.split("</defs>", 1)  # without matplotlib's style, which is for whole pages
+    prefix = hashlib.sha256(f"{title}\n{drawn}".encode()).hexdigest()[:8]
+    for pattern, shown in (*OF_PAGES, (r'(<[^>]* id="|href="#|url\(#)', rf"\g<1>{prefix}")):
+        body = re.sub(pattern, shown, body)
+    words = escape(title)
+    return Markup(f'<svg {box[0]} role="img" aria-label="{words}"><title>{words}</title>{body}')
