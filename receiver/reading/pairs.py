@@ -79,9 +79,9 @@ class PairReader:
             if not self._waiting:
                 return
             composed = self._waiting.popleft()
-            yield self._decode(composed)
+            yield self.decode(composed)
 
-    def _decode(self, pair: ComposedPair) -> ReadPair:
+    def decode(self, pair: ComposedPair) -> ReadPair:
         """Decode the two states of a pair, and erase what is covered or impure."""
         start = perf_counter()
         shown = States(pair.original, pair.embedded, self._layout.message_mask)
