@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from link.clock import DisplayClock, embedded_share
 from link.pilot_code import STATE_HZ, PilotCode
 from link.types import Array
-from receiver.pilots.signal import LEAST_DEVIATION
+from receiver.pilots.signal import clipped_changes, less_near_frames, limited
 
 MOST_STATE_HZ = 150.0
 """Largest number of states a second, a little more than the largest that is tried."""
@@ -56,12 +56,6 @@ Between all of it, as in the dark, and next to nothing, as in the sun."""
 SURER = 1 + 1e-5
 """Factor by which a clock must explain more than those before it: clocks may show the same in all
 frames, and rounding must not choose."""
-NEAR = 3
-"""Number of frames before each frame, and after it, whose mean is taken off what it shows: the
-picture, which may move, and exposure change little in that time. Chosen by hand."""
-CLIPPED = 2.0
-"""Largest difference from that mean that counts, in usual ones of its place: a cut or something
-that passes is one bad difference, and no more."""
 
 
 @dataclass(frozen=True)
@@ -123,9 +117,7 @@ class CodeSearch:
         clocks[:, :, 0], clocks[:, :, 4] = period[:, None], self._shutter[:, None]
         clocks[:, :, 1] = -np.arange(self._steps) / PHASES * period[:, None]
         shares = embedded_share(clocks.reshape(-1, 5), since, np.zeros((1, 2)), code)[:, 0]
-        frames = np.arange(len(since))
-        near = np.abs(frames - frames[:, None]) <= NEAR
-        self._apart = np.eye(len(since)) - near / near.sum(axis=1, keepdims=True)  # (T, T)
+        self._apart = less_near_frames(len(since))
         waves = (2 * shares - 1) @ self._apart.T
         self.waves: NDArray[np.float32] = waves.astype(np.float32)
         """(H, T) what a block of sign 1 shows at the display's centre, by H clocks, less the mean
@@ -148,7 +140,7 @@ class CodeSearch:
 
         Clocks are compared by how much of all values they explain over time, less the mean of near
         frames, by least squares. To tell whether that is chance, the signs are regressed on X_p,
-        the sum of a place's values times the clock's wave, as
+        the sum of a place's values times the clock's wave, bounded, as
         `receiver.pilots.signal.pilot_evidence` does with amplitudes: by chance these explain the
         share R2 of the signs' power with probability (1 - R2)^((P - 1) / 2), for P places.
 
@@ -157,9 +149,8 @@ class CodeSearch:
             count: number of clocks, none of them within a state of another.
         """
         shape = len(self._hz), self._steps
-        values = self._apart @ np.asarray(values, np.float64)
-        values /= np.sqrt((values**2).mean(axis=0)) + LEAST_DEVIATION
-        values = np.clip(values, -CLIPPED, CLIPPED)
+        values, usual = clipped_changes(values)
+        values /= usual
         series = self._signs_within @ np.asarray(values, np.float32).T
         sums = series.reshape(2 * SIDES, -1) @ self._waves_by_frame  # (2, SIDES, T) -> (parts, T)
         sums = sums.reshape(2, SIDES, *shape)  # (parts, H) -> (2, SIDES, rates, phases)
@@ -209,7 +200,7 @@ class CodeSearch:
         part = self._part[:, _axis(self._slopes[slope])]
         later = (at[1] + self._parts[3][slope, part, at[0]]) % self._steps
         wave = self.waves[at[0] * self._steps + later]  # (P, T)
-        X = (wave * np.asarray(values).T).sum(axis=1, dtype=np.float64)
+        X = limited((wave * np.asarray(values).T).sum(axis=1, dtype=np.float64))
         count = len(X)
         share = float((self._signs @ X) ** 2 / (count * (X @ X) + 1e-9))
         evidence = -(count - 1) / 2 * np.log(max(1 - share, 1e-12))

@@ -12,17 +12,9 @@ from link.layout import Layout, make_layout
 from link.pilot_code import STATE_HZ, PilotCode
 from link.pilots import pilot_centres, pilot_signs
 from link.types import Array
-from receiver.pilots.code import (
-    CLIPPED,
-    MOST_STEPS,
-    NEAR,
-    PHASES,
-    SLOPES,
-    CodeSearch,
-    longest_delay,
-)
+from receiver.pilots.code import MOST_STEPS, PHASES, SLOPES, CodeSearch, longest_delay
 from receiver.pilots.search.pilot_search import PilotSearch
-from receiver.pilots.signal import LEAST_DEVIATION
+from receiver.pilots.signal import CLIPPED, LEAST_DEVIATION, LIMIT, NEAR
 from receiver.timing.fit import ToggleWindow
 
 CODE = PilotCode()
@@ -85,7 +77,9 @@ def test_evidence_is_what_a_regression_of_the_signs_says() -> None:
     values = values / (np.sqrt((values**2).mean(axis=0)) + LEAST_DEVIATION)
     values = np.clip(values, -CLIPPED, CLIPPED)
     signs = pilot_signs(PILOTS)
-    explained = np.corrcoef(np.append(wave @ values, -wave @ values), np.append(signs, -signs))
+    X = wave @ values
+    X /= np.hypot(X, LIMIT * np.median(np.abs(X)))
+    explained = np.corrcoef(np.append(X, -X), np.append(signs, -signs))
     chance = (PILOTS.pilots - 1) / 2 * np.log(1 - explained[0, 1] ** 2)
     tried = len(search.waves) * len(SLOPES)
     assert lock.evidence == pytest.approx(-chance - np.log(tried), rel=1e-3)

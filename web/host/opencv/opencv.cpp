@@ -283,14 +283,15 @@ PAGE void overDeviation(const Plane &values, double more, const Plane &to) {
 
 // Finds the share of the signs' power that amplitudes at each of some frequencies explain, in the best
 // of some phase slopes (pilots/signal.js). Values have a row for each frame, and waves and the pilots'
-// signed phases two rows each, for the real and the imaginary part.
-PAGE void explainedShares(const Plane &values, double more, const Plane &waves, const Plane &phases,
-                          const Plane &shares) {
+// signed phases two rows each, for the real and the imaginary part. Amplitudes far beyond `limit` times
+// the median of all pilots count alike.
+PAGE void explainedShares(const Plane &values, double more, double limit, const Plane &waves,
+                          const Plane &phases, const Plane &shares) {
 #pragma clang fp reassociate(on)
   const int pilots = values.width;
   Mat series(values.height, pilots, CV_32F);
   overDeviation(values, more, {series.data, CV_32F, pilots, values.height});
-  std::vector<double> real(pilots), imaginary(pilots);
+  std::vector<double> real(pilots), imaginary(pilots), sizes(pilots);
   for (int line = 0; line < waves.height; line += 2) {
     const double *cosine = waves.numbers() + line * waves.width, *sine = cosine + waves.width;
     std::fill(real.begin(), real.end(), 0.0);
@@ -301,6 +302,15 @@ PAGE void explainedShares(const Plane &values, double more, const Plane &waves, 
         real[p] += cosine[t] * now[p];
         imaginary[p] += sine[t] * now[p];
       }
+    }
+    for (int p = 0; p < pilots; p++) sizes[p] = std::hypot(real[p], imaginary[p]);
+    std::sort(sizes.begin(), sizes.end());
+    const double usual = limit * (sizes[(pilots - 1) / 2] + sizes[pilots / 2]) / 2;
+    for (int p = 0; p < pilots; p++) {
+      const double squared = real[p] * real[p] + imaginary[p] * imaginary[p];
+      const double bound = 1 / std::sqrt(squared + usual * usual + 1e-12);
+      real[p] *= bound;
+      imaginary[p] *= bound;
     }
     double &most = shares.numbers()[line / 2] = -1;
     for (int phase = 0; phase < phases.height; phase += 2) {

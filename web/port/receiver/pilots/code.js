@@ -11,11 +11,11 @@ import { call, floatPlane, rowsOf } from "../../image/opencv.js";
 import { roundHalfEven } from "../../image/round.js";
 import { dot } from "../../link/linear.js";
 import { DisplayClock } from "../../link/clock.js";
-import { LEAST_DEVIATION } from "./signal.js";
+import { NEAR, apartFromNear, clippedChanges, limited } from "./signal.js";
 
 const { STATE_HZ } = pilotCode;
 const { CLOCK_ERROR, MOST_STEPS, PHASES, PANEL_S, SLOPES, SIDES } = receiverPilotsCode;
-const { COMPARED, RIVAL, OPEN, SURER, NEAR, CLIPPED } = receiverPilotsCode;
+const { COMPARED, RIVAL, OPEN, SURER } = receiverPilotsCode;
 export const { MOST_STATE_HZ } = receiverPilotsCode;
 
 /**
@@ -127,7 +127,8 @@ export class CodeSearch {
    * @returns {CodeLock[]}
    */
   strongest(seen, count = 1) {
-    const values = clipped(apartFromNear(seen));
+    const { changes: values, usual } = clippedChanges(seen);
+    for (const now of values) now.forEach((value, p) => (now[p] = value / usual[p]));
     const { gain, chosen } = this.#bestSlopes(values);
     const left = gain.slice();
     return Array.from({ length: count }, () => {
@@ -216,14 +217,17 @@ export class CodeSearch {
     const count = this.#signs.length;
     const rate = Math.floor(at / this.#steps);
     const later = this.#later.subarray((rate * this.#slopes.length + slope) * SIDES);
-    let [along, power] = [0, 0];
-    for (let p = 0; p < count; p++) {
+    const amplitudes = Float64Array.from(this.#signs, (_, p) => {
       const wave = this.#turned(at, later[this.#part[this.#axes[slope]][p]]);
       let X = 0;
       values.forEach((now, t) => (X += now[p] * this.waves.data[t * this.waves.width + wave]));
+      return X;
+    });
+    let [along, power] = [0, 0];
+    limited(amplitudes).forEach((X, p) => {
       along += this.#signs[p] * X;
       power += X * X;
-    }
+    });
     const share = along ** 2 / (count * power + 1e-9);
     const paid = Math.log(gain.length * this.#slopes.length);
     const chance = ((count - 1) / 2) * Math.log(Math.max(1 - share, 1e-12)) + paid;
@@ -273,49 +277,6 @@ export class CodeSearch {
     const start = this.#middle - moment + (across + down) / 2;
     return new DisplayClock(period, start, across, down, this.#shutter[rate]);
   }
-}
-
-/**
- * Take the mean of `NEAR` frames before each frame, of as many after it and of itself off what it
- * shows.
- *
- * @param {readonly ArrayLike<number>[]} frames - (n,) values of each frame
- * @returns {Float32Array[]} (n,) of each frame
- */
-function apartFromNear(frames) {
-  const sums = new Float64Array(frames[0].length);
-  const add = (/** @type {number} */ frame, /** @type {number} */ sign) => {
-    const values = frames[frame];
-    if (!values) return;
-    for (let i = 0; i < sums.length; i++) sums[i] += sign * values[i];
-  };
-  for (let frame = 0; frame < NEAR; frame++) add(frame, 1);
-  return frames.map((values, frame) => {
-    add(frame + NEAR, 1);
-    add(frame - NEAR - 1, -1);
-    const count = Math.min(frame + NEAR + 1, frames.length) - Math.max(frame - NEAR, 0);
-    const apart = new Float32Array(sums.length);
-    for (let i = 0; i < sums.length; i++) apart[i] = values[i] - sums[i] / count;
-    return apart;
-  });
-}
-
-/**
- * Divide differences by the usual ones of their places, and clip them at `CLIPPED`.
- *
- * @param {Float32Array[]} frames - (P,) differences of each frame; they are changed
- * @returns {Float32Array[]} the frames
- */
-function clipped(frames) {
-  const usual = new Float64Array(frames[0].length);
-  for (const now of frames) now.forEach((value, p) => (usual[p] += value * value));
-  usual.forEach((sum, p) => (usual[p] = Math.sqrt(sum / frames.length) + LEAST_DEVIATION));
-  for (const now of frames) {
-    now.forEach((value, p) => {
-      now[p] = Math.min(Math.max(value / usual[p], -CLIPPED), CLIPPED);
-    });
-  }
-  return frames;
 }
 
 /**

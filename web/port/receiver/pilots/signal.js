@@ -14,7 +14,8 @@ import { MOST_SPAN, rowsOfWaves, spanOf, waves } from "./waves.js";
 
 /** @typedef {import("./waves.js").Wave} Wave */
 
-export const { LEAST_DEVIATION, SLOWEST } = receiverPilotsSignal;
+export const { LEAST_DEVIATION, SLOWEST, NEAR } = receiverPilotsSignal;
+const { CLIPPED, LIMIT } = receiverPilotsSignal;
 /** Differences of phase from left to right and from top to bottom, in radians, that are tried. */
 const PHASE_SLOPES = /** @type {[number, number][]} */ (receiverPilotsSignal.PHASE_SLOPES);
 
@@ -68,10 +69,69 @@ function turnedSums(real, imaginary, phases) {
 }
 
 /**
+ * Take the mean of `NEAR` frames before each frame, of as many after it and of itself off what it
+ * shows.
+ *
+ * @param {readonly ArrayLike<number>[]} frames - (n,) values of each frame
+ * @returns {Float32Array[]} (n,) of each frame
+ */
+export function apartFromNear(frames) {
+  const sums = new Float64Array(frames[0].length);
+  const add = (/** @type {number} */ frame, /** @type {number} */ sign) => {
+    const values = frames[frame];
+    if (!values) return;
+    for (let i = 0; i < sums.length; i++) sums[i] += sign * values[i];
+  };
+  for (let frame = 0; frame < NEAR; frame++) add(frame, 1);
+  return frames.map((values, frame) => {
+    add(frame + NEAR, 1);
+    add(frame - NEAR - 1, -1);
+    const count = Math.min(frame + NEAR + 1, frames.length) - Math.max(frame - NEAR, 0);
+    const apart = new Float32Array(sums.length);
+    for (let i = 0; i < sums.length; i++) apart[i] = values[i] - sums[i] / count;
+    return apart;
+  });
+}
+
+/**
+ * Take what changes slowly off values over time, and bound what is left by `CLIPPED`.
+ *
+ * @param {readonly ArrayLike<number>[]} frames - (P,) gray levels of each frame
+ * @returns {{ changes: Float32Array[], usual: Float64Array }} `changes` are (P,) gray levels of each
+ *   frame; `usual` is (P,) the usual change of each place before it was bounded, gray levels
+ */
+export function clippedChanges(frames) {
+  const changes = apartFromNear(frames);
+  const usual = new Float64Array(frames[0].length);
+  for (const now of changes) now.forEach((value, p) => (usual[p] += value * value));
+  usual.forEach((sum, p) => (usual[p] = Math.sqrt(sum / frames.length) + LEAST_DEVIATION));
+  for (const now of changes) {
+    now.forEach((value, p) => {
+      const most = CLIPPED * usual[p];
+      now[p] = Math.min(Math.max(value, -most), most);
+    });
+  }
+  return { changes, usual };
+}
+
+/**
+ * Bound amplitudes, so that strong ones do not outweigh all others; signs stay.
+ *
+ * @param {Float64Array} amplitudes - (P,)
+ * @returns {Float64Array} (P,) of at most 1
+ */
+export function limited(amplitudes) {
+  const sizes = amplitudes.map(Math.abs).sort();
+  const middle = (sizes[(sizes.length - 1) >> 1] + sizes[sizes.length >> 1]) / 2;
+  return amplitudes.map((X) => X / Math.sqrt(X * X + (LIMIT * middle) ** 2 + 1e-12));
+}
+
+/**
  * Tell how surely values over time toggle with the pilots' signs, at any one frequency.
  *
- * At each frequency the values have complex amplitudes X_p, whose phases may slope across the
- * display (`PHASE_SLOPES`); they are turned back first. Without the display, signs and amplitudes
+ * What changes slowly is taken off, and large changes are bounded, as a picture that moves brings
+ * them. At each frequency the values have complex amplitudes X_p, bounded, whose phases may slope
+ * across the display (`PHASE_SLOPES`); they are turned back first. Without the display, signs and amplitudes
  * have nothing to do with each other, whatever moves or flickers in the image, in one phase or in
  * many. So the signs s_p are regressed on the real and the imaginary parts of X_p: by chance these
  * explain the share R2 of the signs' power, or more, with probability (1 - R2)^((P - 2) / 2), for P
@@ -100,8 +160,8 @@ export function pilotEvidence(values, layout, at) {
   const seen = waves(places, periods(SLOWEST, frequencies), periods(0, SLOWEST));
   const shares = new Float64Array(frequencies);
   const given = [seen, signedPhases(layout)].map(rowsOfWaves);
-  const taken = rowsOf(values.slice(values.length - frames));
-  call("explainedShares", [taken, LEAST_DEVIATION, ...given], [shares]);
+  const taken = rowsOf(clippedChanges(values.slice(values.length - frames)).changes);
+  call("explainedShares", [taken, LEAST_DEVIATION, LIMIT, ...given], [shares]);
   const share = Math.max(...shares);
   const best = (SLOWEST + shares.indexOf(share)) / span;
   const unexplained = Math.max(1 - share, 1e-12);
