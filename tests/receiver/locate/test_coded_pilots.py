@@ -11,6 +11,7 @@ from link.clock import DisplayClock, embedded_share
 from link.layout import Layout, make_layout
 from link.pilot_code import STATE_HZ, PilotCode
 from link.pilots import pilot_centres, pilot_signs
+from link.robust import MAD_TO_SIGMA
 from link.types import Array
 from receiver.pilots.code import MOST_STEPS, PHASES, SLOPES, CodeSearch, longest_delay
 from receiver.pilots.search.pilot_search import PilotSearch
@@ -74,7 +75,7 @@ def test_evidence_is_what_a_regression_of_the_signs_says() -> None:
     numbers = [[lock.clock.period, lock.clock.start, 0.0, 0.0, lock.clock.shutter]]
     wave = embedded_share(np.array(numbers), times, np.zeros((1, 2)), CODE)[0, 0]
     wave, values = apart_from_near_frames(wave[:, None])[:, 0], apart_from_near_frames(values)
-    values = values / (np.sqrt((values**2).mean(axis=0)) + LEAST_DEVIATION)
+    values = values / (MAD_TO_SIGMA * np.median(np.abs(values), axis=0) + LEAST_DEVIATION)
     values = np.clip(values, -CLIPPED, CLIPPED)
     signs = pilot_signs(PILOTS)
     X = wave @ values

@@ -199,6 +199,20 @@ def test_evidence_is_found_where_frames_are_missing(frequency: float) -> None:
     assert drifting > 0.7 * evidence
 
 
+def test_what_passes_once_does_not_hide_the_toggling() -> None:
+    """A scene changes every other pilot twice by thirty times as much as the message does."""
+    rng, frames = np.random.default_rng(4), np.arange(24)[:, None]
+    wave = np.sign(np.cos(np.pi * (frames + 0.5) / 2)) * pilot_signs(FINE)
+    noise = rng.standard_normal(wave.shape) / 2
+    passes = np.sort(rng.integers(2, 22, (2, FINE.pilots)), axis=0)
+    scene = 30 * ((frames >= passes[0]) & (frames < passes[1]))
+    scene[:, ::2] = 0
+    evidence, frequency = pilot_evidence(list(wave + noise + scene), FINE)
+    assert evidence > 20
+    assert frequency == 0.25
+    assert pilot_evidence(list(noise + scene), FINE)[0] < 6
+
+
 def test_waves_of_evenly_spaced_frames_are_those_of_fourier() -> None:
     series = np.random.default_rng(1).standard_normal((24, 3))
     numbers = np.arange(2, 13)

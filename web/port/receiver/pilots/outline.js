@@ -19,7 +19,7 @@ import {
   homographyFromCorners, isConvex, resizedHomography, sideLengths, transform,
 } from "../../link/geometry.js";
 import { dot, inverse, multiply3, solve } from "../../link/linear.js";
-import { median, spreadOf } from "../../link/order.js";
+import { DEVIATIONS_IN_MEDIAN, median, spreadOf } from "../../link/order.js";
 import { MotionEquations, NUMBERS, UNIT_CORNERS, UnitMaps, unitHomography } from "./motion.js";
 
 const {
@@ -29,8 +29,6 @@ const {
 
 /** Smallest distance, in pixels, from the border of an image to a pixel that counts as seen. */
 const INSIDE_PX = 3;
-/** Ratio of the standard deviation of normal noise to the median of its absolute values. */
-const DEVIATIONS_IN_MEDIAN = 1.4826;
 
 /**
  * Tells which of two places is that of a display, by the edges along its border.

@@ -9,6 +9,7 @@
 
 import { receiverPilotsSignal } from "../../../generated/constants.js";
 import { arraysOf, call, floatPlane, rowsOf } from "../../image/opencv.js";
+import { DEVIATIONS_IN_MEDIAN, median } from "../../link/order.js";
 import { pilotCentres, pilotSigns } from "../../link/pilots.js";
 import { MOST_SPAN, rowsOfWaves, spanOf, waves } from "./waves.js";
 
@@ -98,13 +99,14 @@ export function apartFromNear(frames) {
  *
  * @param {readonly ArrayLike<number>[]} frames - (P,) gray levels of each frame
  * @returns {{ changes: Float32Array[], usual: Float64Array }} `changes` are (P,) gray levels of each
- *   frame; `usual` is (P,) the usual change of each place before it was bounded, gray levels
+ *   frame; `usual` is (P,) the usual change of each place, by the median over time, gray levels
  */
 export function clippedChanges(frames) {
   const changes = apartFromNear(frames);
-  const usual = new Float64Array(frames[0].length);
-  for (const now of changes) now.forEach((value, p) => (usual[p] += value * value));
-  usual.forEach((sum, p) => (usual[p] = Math.sqrt(sum / frames.length) + LEAST_DEVIATION));
+  const usual = Float64Array.from(frames[0], (_, p) => {
+    const sizes = changes.map((now) => Math.abs(now[p]));
+    return DEVIATIONS_IN_MEDIAN * median(sizes) + LEAST_DEVIATION;
+  });
   for (const now of changes) {
     now.forEach((value, p) => {
       const most = CLIPPED * usual[p];
@@ -121,8 +123,7 @@ export function clippedChanges(frames) {
  * @returns {Float64Array} (P,) of at most 1
  */
 export function limited(amplitudes) {
-  const sizes = amplitudes.map(Math.abs).sort();
-  const middle = (sizes[(sizes.length - 1) >> 1] + sizes[sizes.length >> 1]) / 2;
+  const middle = median(amplitudes.map(Math.abs));
   return amplitudes.map((X) => X / Math.sqrt(X * X + (LIMIT * middle) ** 2 + 1e-12));
 }
 
