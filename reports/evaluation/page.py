@@ -21,6 +21,7 @@ from reports.evaluation import exhibits
 from reports.evaluation.html import render
 from reports.evaluation.settings import OF_SIMULATION
 from reports.evaluation.sweeps import Sweep, swept_accuracies
+from reports.evaluation.versus import MAIN
 from reports.render.charts import colour_of, to_svg
 from reports.render.reliability import SHOWN_BITS, calibration_table, reliability_figure
 from reports.render.tables import (
@@ -50,8 +51,6 @@ SECTIONS = {
 }
 """Titles of the report's sections by anchor, in the order of the page; those that a run has nothing
 for are left out."""
-MAIN = "main comparison"
-"""Name that the page gives to the only condition of a run."""
 MOST_FILMS = 6
 """Largest number of films that the page draws one by one."""
 

@@ -46,7 +46,7 @@ class Bin:
 
 
 Curves = Mapping[str, Mapping[str, Sequence[Bin]]]
-"""Bins by method, then by condition; the last condition is `ALL`."""
+"""Bins by method, then by condition, those in which the method decoded known bits."""
 
 
 def known_scores(

@@ -1,8 +1,5 @@
 /** Where numbers lie: their mean and deviation, and those of a certain rank. */
 
-/** Ratio of the standard deviation of normal noise to the median of its absolute values. */
-export const DEVIATIONS_IN_MEDIAN = 1.4826;
-
 /**
  * Find the mean and the standard deviation.
  *

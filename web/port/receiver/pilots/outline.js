@@ -9,7 +9,7 @@
  * moves).
  */
 
-import { receiverPilotsOutline } from "../../../generated/constants.js";
+import { receiverPilotsOutline, robust } from "../../../generated/constants.js";
 import { blurred } from "../../image/blur.js";
 import { floatPlane } from "../../image/opencv.js";
 import { roundHalfEven } from "../../image/round.js";
@@ -19,7 +19,7 @@ import {
   homographyFromCorners, isConvex, resizedHomography, sideLengths, transform,
 } from "../../link/geometry.js";
 import { dot, inverse, multiply3, solve } from "../../link/linear.js";
-import { DEVIATIONS_IN_MEDIAN, median, spreadOf } from "../../link/order.js";
+import { median, spreadOf } from "../../link/order.js";
 import { MotionEquations, NUMBERS, UNIT_CORNERS, UnitMaps, unitHomography } from "./motion.js";
 
 const {
@@ -229,7 +229,7 @@ export class Outline {
       seen[at] = gain * (data[at] - mean) + this.#mean;
       far[i] = Math.abs(seen[at] - reference[at]);
     }
-    const usual = DEVIATIONS_IN_MEDIAN * median(far) + LEAST_DEVIATION;
+    const usual = robust.MAD_TO_SIGMA * median(far) + LEAST_DEVIATION;
     const inFrame = insideOf(gray, H, this.#maps.size);
     for (let i = 0; i < ring.length; i++) {
       const at = ring[i];

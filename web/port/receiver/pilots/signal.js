@@ -7,9 +7,9 @@
  * shows follows from how well its blocks keep to these signs. Rate and phase need not be known.
  */
 
-import { receiverPilotsSignal } from "../../../generated/constants.js";
+import { receiverPilotsSignal, robust } from "../../../generated/constants.js";
 import { arraysOf, call, floatPlane, rowsOf } from "../../image/opencv.js";
-import { DEVIATIONS_IN_MEDIAN, median } from "../../link/order.js";
+import { median } from "../../link/order.js";
 import { pilotCentres, pilotSigns } from "../../link/pilots.js";
 import { MOST_SPAN, rowsOfWaves, spanOf, waves } from "./waves.js";
 
@@ -105,7 +105,7 @@ export function clippedChanges(frames) {
   const changes = apartFromNear(frames);
   const usual = Float64Array.from(frames[0], (_, p) => {
     const sizes = changes.map((now) => Math.abs(now[p]));
-    return DEVIATIONS_IN_MEDIAN * median(sizes) + LEAST_DEVIATION;
+    return robust.MAD_TO_SIGMA * median(sizes) + LEAST_DEVIATION;
   });
   for (const now of changes) {
     now.forEach((value, p) => {
