@@ -16,7 +16,6 @@ from link.clock import DisplayClock
 from link.errors import InputError
 from link.images import as_gray
 from link.layout import Layout
-from link.pilot_code import PLAIN
 from link.types import Corners, Image
 from receiver.pilots.search.film import HeldFrame
 from receiver.pilots.search.settle import Detection
@@ -70,7 +69,6 @@ class PilotSearch:
             raise InputError("layouts: need at least one, each with pilots")
         self.layouts, self._fps, self._observer = tuple(layouts), fps, observer
         self._steps = max(1, round(STEPS_HZ / fps))
-        self._coded = any(layout.code != PLAIN for layout in layouts)
         self.picture_moves = False
         """Whether the picture of the display that was found moves by itself. Before one is found,
         whether pictures are taken to move in the next window."""
@@ -115,7 +113,7 @@ class PilotSearch:
     def _begin(self, image: Image, time: float) -> None:
         """Begin a window with a frame.
 
-        After one without a detection, windows of coded displays are longer, and what is proposed
+        After one without a detection, windows are longer, and what is proposed
         late is tried upright and sideways by turns.
         """
         number = self._failed + len(self._windows)
@@ -124,7 +122,7 @@ class PilotSearch:
             time,
             self._fps,
             picture_moves=self.picture_moves or any(w.is_doubtful for w in self._windows),
-            longer=2 if number and self._coded else 1,
+            longer=2 if number else 1,
             observer=self._observer,
         )
         turns = (ANY_TURN[(number - 1) % 2],) if number else ANY_TURN

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
+from math import prod
 
 import cv2
 import numpy as np
@@ -26,6 +27,10 @@ from receiver.pilots.toggling import TogglePattern, Wave, find_toggling
 CANDIDATES = 6
 """Number of quadrilaterals that are made of the edges of an image. It bounds the work; chosen by
 hand."""
+VIEW_SIZE = 128, 96
+"""Smallest width and height, in pixels, of the small views in which quadrilaterals are weighed: a
+pixel a block of the preset `fast`, and several a block of coarser grids, so that what moves in a
+neighbouring block hardly counts. Layouts with finer grids have a pixel a block, too."""
 SAME_PLACE = 0.005
 """Distance of corners, as a share of the image's longer side, below which two quadrilaterals are
 one: less than half a block of a display of a quarter of the image. Chosen by hand."""
@@ -114,8 +119,8 @@ class Proposer:
 
     def __init__(self, watch: Watch, layouts: Sequence[Layout]) -> None:
         self._watch, self._layouts, self._fps = watch, layouts, watch.fps
-        finest = max(layouts, key=lambda layout: layout.rows * layout.cols)
-        self._finest = finest.cols, finest.rows
+        grids = ((layout.cols, layout.rows) for layout in layouts)
+        self._view_size = max(VIEW_SIZE, *grids, key=prod)
         periods = (np.array(STATES_HZ) / 2 / watch.fps) % 1
         self._frequencies = sorted({float(f) for f in np.minimum(periods, 1 - periods) if f > 0})
         self._kept: dict[tuple[bytes, int], PilotsSeen] = {}
@@ -186,13 +191,13 @@ class Proposer:
         key = quad.tobytes(), turn
         values = self._kept.setdefault(key, []) if count is not None else []
         places = self._watch.places(quad, count)
-        views = self._watch.stills.views(places, *self._finest, turn, first=len(values))
+        views = self._watch.stills.views(places, *self._view_size, turn, first=len(values))
         values += [_pilots_in(view, self._layouts) for view in views]
         return values
 
     def likeliest_in(self, corners: Array, layouts: Sequence[Layout]) -> tuple[float, Proposal]:
         """Choose the layout, either side up, that is likeliest in small views of corners."""
-        views = self._watch.stills.views(self._watch.places(corners), *self._finest)
+        views = self._watch.stills.views(self._watch.places(corners), *self._view_size)
         return self._likeliest(corners, [_pilots_in(view, layouts) for view in views], layouts)
 
     def _likeliest(

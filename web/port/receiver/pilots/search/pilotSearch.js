@@ -132,18 +132,17 @@ export class PilotSearch {
   }
 
   /**
-   * Begin a window with a frame. After one in vain, windows of coded displays are longer, and what is
-   * proposed late is tried upright and sideways by turns.
+   * Begin a window with a frame. After one in vain, windows are longer, and what is proposed late is
+   * tried upright and sideways by turns.
    *
    * @param {BytePlane} gray
    * @param {number} time
    */
   #begin(gray, time) {
     const number = this.#failed + this.#windows.length;
-    const longer = number > 0 && this.layouts.some(({ code }) => !code.isPlain) ? 2 : 1;
     const turns = number === 0 ? ANY_TURN : [ANY_TURN[(number - 1) % 2]];
     const moves = this.pictureMoves || this.#windows.some(({ isDoubtful }) => isDoubtful);
-    const watch = new Watch(gray, time, this.fps, moves, longer);
+    const watch = new Watch(gray, time, this.fps, moves, number > 0 ? 2 : 1);
     const isAlone = this.#windows.length === 0;
     this.#windows.push(new WindowSearch(watch, this.layouts, turns, isAlone));
     this.pictureMoves = false;

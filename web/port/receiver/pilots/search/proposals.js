@@ -18,7 +18,7 @@ import { COARSE_SIZE, coarseShift, roughSeries, shiftedTogglings } from "./parts
 
 export const { STRONGEST, PROMISING } = receiverPilotsSearchProposals;
 const {
-  CANDIDATES, LEAVING, PARTLY_SEEN, BRIGHT_PX, DARK_PX, STATES_HZ, SAME_PLACE,
+  VIEW_SIZE, CANDIDATES, LEAVING, PARTLY_SEEN, BRIGHT_PX, DARK_PX, STATES_HZ, SAME_PLACE,
 } = receiverPilotsSearchProposals;
 
 export const { NEXT_FRAME } = receiverPilotsSearchWatch;
@@ -94,7 +94,7 @@ export class Proposer {
    */
   partlySeen = [];
   #layouts;
-  #finest;
+  #viewSize;
   /** Frequencies at which displays may toggle, in periods for each nominal frame. */
   #frequencies;
   /**
@@ -110,8 +110,9 @@ export class Proposer {
   constructor(watch, layouts) {
     this.#watch = watch;
     this.#layouts = layouts;
-    this.#finest = layouts.reduce((most, layout) =>
-      layout.rows * layout.cols > most.rows * most.cols ? layout : most,
+    const grids = layouts.map(({ cols, rows }) => [cols, rows]);
+    this.#viewSize = [VIEW_SIZE, ...grids].reduce((most, [cols, rows]) =>
+      cols * rows > most[0] * most[1] ? [cols, rows] : most,
     );
     const periods = STATES_HZ.map((rate) => (rate / 2 / watch.fps) % 1);
     const folded = periods.map((period) => Math.min(period, 1 - period));
@@ -164,12 +165,12 @@ export class Proposer {
    * @returns {PilotsSeen}
    */
   #pilotsSeen(quad, turn, count) {
-    const { cols, rows } = this.#finest;
+    const [width, height] = this.#viewSize;
     const kept = this.#kept.get(quad) ?? [[], []];
     if (count !== null) this.#kept.set(quad, kept);
     const values = kept[turn];
     const places = this.#watch.places(quad, count);
-    const views = this.#watch.stills.views(places, cols, rows, turn, values.length);
+    const views = this.#watch.stills.views(places, width, height, turn, values.length);
     values.push(...pilotsIn(views, this.#layouts));
     return values;
   }
@@ -181,8 +182,8 @@ export class Proposer {
    * @param {Layout} layout - that may be shown
    */
   surestIn(corners, layout) {
-    const { cols, rows } = this.#finest;
-    const values = pilotsIn(this.#watch.views(corners, cols, rows), [layout]);
+    const [width, height] = this.#viewSize;
+    const values = pilotsIn(this.#watch.views(corners, width, height), [layout]);
     return this.#surest(corners, values, [layout]);
   }
 
