@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from data_gen.film.codec import CodecSettings
 from data_gen.film.frame import VideoFrame
+from data_gen.film.phone import PhoneSettings
 from data_gen.film.scenes import SceneSettings
 from data_gen.film.stream import States, VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
@@ -59,6 +60,8 @@ class FilmSettings:
     """Width and height of a camera frame, pixels."""
     shutter: float | None = VideoSettings.shutter
     """Exposure time of each frame, seconds; None for the camera's own."""
+    phone: PhoneSettings = field(default_factory=PhoneSettings)
+    """What a phone does to the frames before they are compressed."""
     codec: CodecSettings = field(default_factory=CodecSettings)
     """Codec through which the frames pass."""
 
@@ -148,6 +151,7 @@ def film_message(take: Take) -> MessageFilm:
         config.state_hz,
         seconds=config.loops * 2 * len(bits) / config.state_hz,
         shutter=config.shutter,
+        phone=config.phone,
     )
     pair, shown_layout = source.pair(take.pair), source.display_layout
     states: States = LoopStates(loop)

@@ -18,8 +18,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from data_gen.channel.optics import check_view
-from data_gen.film.codec import through_codec
+from data_gen.film.codec import CodecSettings, through_codec
 from data_gen.film.message import FilmSettings, MessageFilm, Take, film_message
+from data_gen.film.phone import PhoneSettings
 from data_gen.pairs import PAIRS, pair_names
 from export.film_graph import FilmGraph
 from export.runtime import OWN_TIME_LIMIT_S, Decoder
@@ -58,6 +59,19 @@ SETTINGS = {
     "moving, 30 fps": replace(HIDDEN, fps=30, n_bytes=100, carriers="moving"),
     "moving, 60 fps": replace(HIDDEN, fps=60, n_bytes=100, carriers="moving"),
     "moving, fast": replace(FAST, n_bytes=100, carriers="moving"),
+}
+THROUGH: dict[str, dict[str, Any]] = {
+    "H.264 12 Mbit": {"codec": CodecSettings("h264", kbits=12_000)},
+    "H.264 8 Mbit": {"codec": CodecSettings("h264", kbits=8_000)},
+    "noise reduction": {"phone": PhoneSettings(noise_reduction=0.5)},
+}
+"""What a phone does to the frames of moving pictures, by name: megabits are those of a second, and
+noise reduction mixes half of the frame before into each frame."""
+SETTINGS |= {
+    f"{name}, {way}": replace(SETTINGS[name], **changed)
+    for name in list(SETTINGS)
+    if SETTINGS[name].carriers == "moving"
+    for way, changed in THROUGH.items()
 }
 """Settings of display, camera and message, by name. "slanted" is "fast" on the grid of "hidden",
 whose larger blocks are for slanted and distant displays. Carriers of "moving" are scenes that are
