@@ -72,7 +72,7 @@ def benchmark_conditions() -> list[Condition]:
 def frames_digest(condition: Condition) -> str:
     """First digits of the SHA-256 of the frames of a condition's first observation."""
     one_thread()
-    seen, _ = observe(condition.source, condition.cells[0], 0, False)
+    seen = observe(condition.source, condition.cells[0], 0, False).rectified()
     digest = hashlib.sha256()
     for frame in seen.frames:
         digest.update(np.ascontiguousarray(frame).tobytes())

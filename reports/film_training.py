@@ -35,7 +35,6 @@ from reports.engine.backends import Backend, one_thread, run_tasks
 from reports.engine.records import (
     to_line,
     to_records,
-    truth_of,
     write_lines,
     write_predictions,
 )
@@ -214,6 +213,6 @@ def decoded(
     """Decode windows; give a prediction of each, as `reports.engine.records` has them."""
     module.eval()
     return [
-        to_line(label, index, decode_film_with(module, window.observation), truth_of(window))
+        to_line(label, index, decode_film_with(module, window.observation), window)
         for index, window in enumerate(windows)
     ]

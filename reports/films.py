@@ -3,7 +3,7 @@
 The comparison decodes what was cut, and the film decoder is trained on it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -17,13 +17,11 @@ from link.captures import KnownWindow
 from link.errors import InputError, ParameterError, choose
 from link.frames import Captured
 from link.layout import Layout
-from link.observation import Observation
 from link.presets import PRESETS
 from models.film.window import reads_films
 from reports.captured.receive import receive_film
 from reports.captured.truth import match_loop
 from reports.engine.predict import observe
-from reports.engine.records import Truth, truth_of
 
 USUAL_FPS = 30.0
 """Number of frames a second of the camera where none is named."""
@@ -126,16 +124,14 @@ has one window."""
 
 
 @observe.register
-def _(source: FilmSource, cell: Cell, index: int, equalised: bool) -> tuple[Observation, Truth]:
+def _(source: FilmSource, cell: Cell, index: int, equalised: bool) -> KnownWindow | Captured:
     """Give the last window, or one of the last frame pairs, of a film whose display was found.
 
     All methods get the same one, whatever pictures they would have the display show.
     """
     each = 1 if reads_films(source.layout) else PAIRS_A_FILM
     found, picture = _film(source, cell, index // each, each)
-    cut = found[index % each]
-    truth = Truth(cell.pair, cell.view_deg, cell.kappa, picture, truth_of(cut).bits)
-    return cut.rectified(), truth
+    return replace(found[index % each], meta={"picture": picture})
 
 
 @lru_cache(maxsize=2)

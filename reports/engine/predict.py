@@ -20,13 +20,13 @@ import pandas as pd
 from data_gen.channel.optics import check_view
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import get_pair
-from link.captures import Entry
+from link.captures import Entry, KnownWindow
 from link.embed import check_kappa
 from link.errors import InputError, UnsuitedError, each_once
 from link.files.lock import locked
+from link.frames import Captured
 from link.images import write_bytes
 from link.layout import Layout
-from link.observation import Observation
 from reports.engine.backends import Backend, one_thread
 from reports.engine.digest import (
     code_digest,
@@ -37,12 +37,11 @@ from reports.engine.digest import (
 )
 from reports.engine.methods import Method
 from reports.engine.records import (
-    Truth,
+    CELL,
     key_of,
     stored_predictions,
     to_line,
     to_records,
-    truth_of,
     write_predictions,
 )
 from reports.engine.stored import resume
@@ -262,21 +261,24 @@ def decode_cell(task: Task) -> Decoded:
                 "these paths than this machine; install the same there and restart its worker"
             )
     decoders = {method: method.build() for method in task.methods}
+    place = {name: getattr(task.cell, name) for name in CELL}  # a capture need not know its own
     one_thread()
     for index in condition.indices:
         for equalised in {condition.equalises(method) for method in decoders}:
-            seen, truth = observe(condition.source, task.cell, index, equalised)
+            captured = observe(condition.source, task.cell, index, equalised)
+            seen = captured.rectified()
             for method, decoder in decoders.items():
                 if condition.equalises(method) != equalised:
                     continue
                 try:
                     if method.card.frames == "window" and seen.is_pair:
                         raise UnsuitedError("it reads windows of film")
-                    line = to_line(method.label, index, decoder.decode(seen), truth)
+                    line = to_line(method.label, index, decoder.decode(seen), captured)
                 except UnsuitedError as error:
                     unsuited[method.label] = str(error)
                     continue
-                lines.append(line | {"condition": condition.name, "mark": task.marks[method.label]})
+                line |= place | {"condition": condition.name, "mark": task.marks[method.label]}
+                lines.append(line)
     return lines, unsuited
 
 
@@ -293,8 +295,8 @@ class ObservationSource(Protocol):
 
 
 @singledispatch
-def observe(source: Any, cell: Cell, index: int, equalised: bool) -> tuple[Observation, Truth]:
-    """Make one observation as decoders take it, and what is known of it.
+def observe(source: Any, cell: Cell, index: int, equalised: bool) -> Captured | KnownWindow:
+    """Make one observation: a frame pair or a window of film, with what is known of it.
 
     Each kind of source registers how it does so.
 
@@ -308,15 +310,13 @@ def observe(source: Any, cell: Cell, index: int, equalised: bool) -> tuple[Obser
 
 
 @observe.register
-def _(source: Entry, cell: Entry, index: int, equalised: bool) -> tuple[Observation, Truth]:
-    captured = source.load()
-    return captured.rectified(), truth_of(captured)
+def _(source: Entry, cell: Entry, index: int, equalised: bool) -> Captured | KnownWindow:
+    return source.load()
 
 
 @observe.register
-def _(source: Source, cell: Cell, index: int, equalised: bool) -> tuple[Observation, Truth]:
-    pair = FramePair(source, cell, index, equalised)
-    return pair.rectified, truth_of(pair.captured)
+def _(source: Source, cell: Cell, index: int, equalised: bool) -> Captured:
+    return FramePair(source, cell, index, equalised).captured
 
 
 @singledispatch

@@ -63,46 +63,20 @@ class Prediction:
             raise ValueError("has not as many scores as bits")
 
 
-@dataclass(frozen=True)
-class Truth:
-    """Facts about an observation beside the camera's frames, for its record alone."""
-
-    pair: str
-    """Name of the camera-display pair, or "captures" where it is not known."""
-    view_deg: float | None
-    """Angle of observation, degrees."""
-    kappa: int | None
-    """Gray levels added for a bit 1."""
-    picture: str | None
-    """Name of the picture."""
-    bits: tuple[int, ...]
-    """True bits, 0 or 1, and -1 where one is not known."""
-
-
-def truth_of(captured: Captured | KnownWindow) -> Truth:
-    """Facts about a frame pair, or about a window of film."""
-    meta: dict[str, Any] = captured.meta
-    bits = np.full(captured.layout.n_bits, -1) if captured.bits is None else captured.bits
-    return Truth(
-        meta.get("pair", "captures"),
-        meta.get("view_deg"),
-        captured.kappa,
-        meta.get("picture"),
-        tuple(bits.reshape(-1).tolist()),
-    )
-
-
-def to_line(method: str, index: int, soft: SoftBits, truth: Truth) -> dict[str, Any]:
+def to_line(
+    method: str, index: int, soft: SoftBits, captured: Captured | KnownWindow
+) -> dict[str, Any]:
     """One prediction as JSON has it: scores to six digits; bits 0 or 1, and -1 where unknown."""
+    bits = np.full(captured.layout.n_bits, -1) if captured.bits is None else captured.bits
     return {
         "method": method,
-        "pair": truth.pair,
-        "view_deg": truth.view_deg,
-        "kappa": truth.kappa,
-        "picture": truth.picture,
+        "pair": captured.meta.get("pair", "captures"),
+        "view_deg": captured.meta.get("view_deg"),
+        "kappa": captured.kappa,
+        "picture": captured.meta.get("picture"),
         "index": index,
         "scores": [float(f"{score:.6g}") for score in soft.scores],
-        "bits": list(truth.bits),
+        "bits": bits.reshape(-1).tolist(),
     }
 
 
