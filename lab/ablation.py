@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 from matplotlib.figure import Figure
 
 from data_gen.frame_pair import Source
@@ -83,7 +84,8 @@ def measure_ablation(flags: AblationFlags, workshop: Workshop) -> Ablation:
     methods = [row_method(row, flags.run) for row in rows]
     records = workshop.predict(conditions, methods)
     entries = compare_rows(records, flags.seed)
-    curves = reliability_curves(records, [row for row in rows if row in WHOLE_DECODERS])
+    twice = pd.concat([records, records.assign(condition=ALL)])
+    curves = reliability_curves(twice, WHOLE_DECODERS)
     return Ablation(entries, curves)
 
 

@@ -35,7 +35,7 @@ from reports.render.tables import (
 from reports.run import CSV, MAX_PICTURE_BYTES, REPORT, Response, Run, RunFolder
 from reports.score.accuracy import pool
 from reports.score.paired import REFERENCES, Paired, against_references
-from reports.score.reliability import Bin, Curves, confidence_bins, known_scores
+from reports.score.reliability import Curves, reliability_curves
 
 SECTIONS = {
     "summary": "Summary",
@@ -202,18 +202,9 @@ def sweep_charts(
 
 
 def llr_curves(run: Run) -> Curves:
-    """Bins of confidence of the methods whose scores are log-likelihood ratios.
-
-    Returns:
-        bins by method, then by those conditions in which the method decoded known bits.
-    """
-    known = run.records[run.records["known"] > 0]
-    curves: dict[str, dict[str, list[Bin]]] = {}
-    for (name, method), records in known.groupby(["condition", "method"], sort=False):
-        if method in DECODERS and DECODERS[method].llr:
-            bins = confidence_bins(*known_scores(records, method))
-            curves.setdefault(method, {})[str(name) or MAIN] = bins
-    return curves
+    """Bins of confidence of the methods whose scores are log-likelihood ratios."""
+    named = run.records.assign(condition=run.records["condition"].replace("", MAIN))
+    return reliability_curves(named, [name for name, card in DECODERS.items() if card.llr])
 
 
 def response_charts(responses: Sequence[Response]) -> list[tuple[Response, Markup]]:

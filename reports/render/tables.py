@@ -164,8 +164,8 @@ def information_table(records: pd.DataFrame, blocks_s: float = 0.0) -> Table:
         blocks_s: number of message blocks that the display shows a second; 0 where it is not known.
     """
     rows = []
-    for method in records.loc[records["known"] > 0, "method"].unique():
-        read, information = told(records, method)
+    for method, mine in records[records["known"] > 0].groupby("method", sort=False):
+        read, information = told(mine)
         second = [f"{information * blocks_s:,.0f}"] if blocks_s else []
         rows.append([method, percent(read), number(information, 3), *second])
     title = (

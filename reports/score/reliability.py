@@ -11,13 +11,12 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import expit
 
-from link.errors import InputError
 from reports.score.intervals import wilson
 
 BINS = 10
 """Number of bins of equal width in which decisions of similar confidence are counted."""
 ALL = "all"
-"""Name under which `reliability_curves` counts the bits of all conditions."""
+"""Name of all conditions together, where their bits are counted beside those of each."""
 
 
 @dataclass(frozen=True)
@@ -49,25 +48,17 @@ Curves = Mapping[str, Mapping[str, Sequence[Bin]]]
 """Bins by method, then by condition, those in which the method decoded known bits."""
 
 
-def known_scores(
-    records: pd.DataFrame, method: str
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Collect a method's scores and their true bits, where the truth is known.
+def known_scores(records: pd.DataFrame) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Collect the scores of predictions and their true bits, where the truth is known.
 
     Args:
-        records: predictions, as `reports.engine.records.to_records` makes them.
-        method: label of the method.
+        records: predictions of a method, as `reports.engine.records.to_records` makes them; at
+            least one.
 
     Returns:
         (bits,) scores and (bits,) bits that are 0 or 1.
-
-    Raises:
-        InputError: there are none.
     """
-    mine = records[(records["method"] == method) & (records["known"] > 0)]
-    if mine.empty:
-        raise InputError(f"{method}: no scores whose bits are known")
-    scores, bits = (np.concatenate(mine[column].to_list()) for column in ("scores", "bits"))
+    scores, bits = (np.concatenate(records[column].to_list()) for column in ("scores", "bits"))
     return scores[bits >= 0], bits[bits >= 0]
 
 
@@ -136,18 +127,18 @@ def binned_information(bins: Sequence[Bin], bits: int) -> float:
     return said / max(1, bits)
 
 
-def told(records: pd.DataFrame, method: str) -> tuple[float, float]:
+def told(records: pd.DataFrame) -> tuple[float, float]:
     """Work out what a method's scores tell, by how often bits of like scores are right.
 
     Args:
-        records: predictions, as `reports.engine.records.to_records` makes them.
-        method: label of the method, of whose bits at least one is known.
+        records: predictions of the method, as `reports.engine.records.to_records` makes them, of
+            whose bits at least one is known.
 
     Returns:
         the share of the known bits that were not erased, in [0, 1], and the bits of information in
         each, erased ones included.
     """
-    scores, bits = known_scores(records, method)
+    scores, bits = known_scores(records)
     read = scores != 0
     information = binned_information(confidence_bins(scores[read], bits[read]), bits.size)
     return float(read.mean()), information
@@ -166,18 +157,17 @@ def calibration_error(bins: Sequence[Bin]) -> float:
 def reliability_curves(
     records: pd.DataFrame, methods: Sequence[str]
 ) -> dict[str, dict[str, list[Bin]]]:
-    """Bins of each method in each condition, and over `ALL` of them.
+    """Sort the decisions of methods into bins of confidence.
 
     Args:
         records: predictions of all conditions.
         methods: labels of methods whose scores are log-likelihood ratios.
 
-    Raises:
-        InputError: a method has no scores with known bits in a condition.
+    Returns:
+        bins by method, then by those conditions in which the method decoded known bits.
     """
-    conditions = {str(name): part for name, part in records.groupby("condition", sort=False)}
-    parts = {**conditions, ALL: records}
-    return {
-        method: {name: confidence_bins(*known_scores(part, method)) for name, part in parts.items()}
-        for method in methods
-    }
+    known = records[(records["known"] > 0) & records["method"].isin(methods)]
+    curves: dict[str, dict[str, list[Bin]]] = {}
+    for (name, method), mine in known.groupby(["condition", "method"], sort=False):
+        curves.setdefault(str(method), {})[str(name)] = confidence_bins(*known_scores(mine))
+    return curves

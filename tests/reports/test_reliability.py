@@ -5,15 +5,16 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.special import expit
 from tolerances import FLOAT64
 
-from link.errors import InputError
 from reports.engine.records import to_records
 from reports.render.charts import save_png
 from reports.render.reliability import calibration_table, reliability_figure
 from reports.score.reliability import (
+    ALL,
     calibration_error,
     confidence_bins,
     known_scores,
@@ -62,16 +63,17 @@ def line(scores: list[float], bits: list[int], condition: str = "") -> dict[str,
 
 def test_unknown_bits_are_passed_over() -> None:
     records = to_records([line([1.0, 2.0], [1, -1]), line([-3.0], [0])])
-    scores, bits = known_scores(records, "full")
+    scores, bits = known_scores(records)
     assert (scores.tolist(), bits.tolist()) == ([1.0, -3.0], [1, 0])
-    with pytest.raises(InputError, match="full: no scores"):
-        known_scores(to_records([line([1.0], [-1])]), "full")
+    assert reliability_curves(to_records([line([1.0], [-1])]), ["full"]) == {}
 
 
 @pytest.mark.slow
 def test_tables_and_figure_show_every_method_and_condition(tmp_path: Path) -> None:
     lines = [line([1.0, 4.0], [1, 1], "paper"), line([-0.5], [1], "jpeg")]
-    curves = reliability_curves(to_records(lines), ["full"])
+    records = to_records(lines)
+    everywhere = pd.concat([records, records.assign(condition=ALL)])
+    curves = reliability_curves(everywhere, ["full"])
     assert [sum(b.count for b in bins) for bins in curves["full"].values()] == [2, 1, 3]
     errors = calibration_table(curves).markdown()
     assert errors.splitlines()[2] == "| method | paper | jpeg | all |"
