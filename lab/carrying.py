@@ -32,7 +32,7 @@ from models import FILM_GRAPH, shipped_graphs
 from receiver.receiver import Receiver
 from reports.engine.backends import one_thread
 from reports.render.tables import Table
-from reports.score.reliability import binned_information, confidence_bins
+from reports.score.reliability import scored_information
 from sender.carrying import CARRIED
 
 LEVELS = (0, 8, 16, 24, 32, 48, 80, 160)
@@ -126,9 +126,7 @@ def read_patches(shot: PatchFilm) -> dict[str, Any]:
         told, sent = np.array(scores), np.array([nearest_frame(each, bits) for each in scores])
         for level in LEVELS:
             here = levels[layout.message_mask] == level
-            mine, true = told[:, here], sent[:, here]
-            read = mine != 0
-            shares.append(binned_information(confidence_bins(mine[read], true[read]), mine.size))
+            shares.append(scored_information(told[:, here], sent[:, here]))
     return {"preset": shot.preset, "pairs": len(scores), "shares": shares}
 
 

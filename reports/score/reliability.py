@@ -109,22 +109,22 @@ def decided_information(accuracy: float) -> float:
     return float(1 + (shares * np.log2(shares)).sum())
 
 
-def binned_information(bins: Sequence[Bin], bits: int) -> float:
-    """Work out how much decisions say, in bits of information for each bit that was sent.
+def scored_information(scores: NDArray[np.float64], bits: NDArray[np.integer]) -> float:
+    """Work out how much scores say, in bits of information for each bit that was sent.
 
-    Bits of a bin say what `decided_information` gives for its accuracy; those in no bin were erased
-    and say nothing.
+    Decisions of a bin of confidence say what `decided_information` gives for its accuracy; bits of
+    score 0 were erased and say nothing.
 
-    >>> all_right = confidence_bins(np.array([9.0, 9.0]), np.array([1, 1]))
-    >>> binned_information(all_right, 4)
+    >>> scored_information(np.array([9.0, 9.0, 0.0, 0.0]), np.array([1, 1, 0, 1]))
     0.5
 
     Args:
-        bins: bins of the decided bits, as `confidence_bins` makes them.
-        bits: number of the bits that were sent, erased ones included.
+        scores: (bits,) log-likelihood ratios.
+        bits: (bits,) what was sent, 0 or 1.
     """
+    bins = confidence_bins(scores[scores != 0], bits[scores != 0])
     said = sum(each.count * decided_information(each.accuracy) for each in bins)
-    return said / max(1, bits)
+    return said / max(1, bits.size)
 
 
 def told(records: pd.DataFrame) -> tuple[float, float]:
@@ -139,9 +139,7 @@ def told(records: pd.DataFrame) -> tuple[float, float]:
         each, erased ones included.
     """
     scores, bits = known_scores(records)
-    read = scores != 0
-    information = binned_information(confidence_bins(scores[read], bits[read]), bits.size)
-    return float(read.mean()), information
+    return float((scores != 0).mean()), scored_information(scores, bits)
 
 
 def calibration_error(bins: Sequence[Bin]) -> float:
