@@ -16,7 +16,7 @@
 import json
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, is_dataclass
+from dataclasses import dataclass, is_dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -147,6 +147,16 @@ class Run:
     def from_folder(self) -> bool:
         """Whether the captures lay in a folder (``--captures``): their channel is not known."""
         return bool(self.about.settings.get("captures"))
+
+    @property
+    def by_condition(self) -> dict[str, "Run"]:
+        """The run of each condition by itself, since conditions have different captures."""
+        return {
+            str(name): replace(
+                self, records=mine, scores=self.scores[self.scores["condition"] == name]
+            )
+            for name, mine in self.records.groupby("condition", sort=False)
+        }
 
     @property
     def methods(self) -> list[str]:

@@ -105,6 +105,17 @@ class FilmEvidence:
     """Number of message blocks a second that the displays showed, of frame pairs; 0 where no film
     tells the display's rate."""
 
+    def over_time(self, most: int) -> dict[str, list[WrongBits]]:
+        """Wrong bits of the first ``most`` films, by film; of those with several bins of time."""
+        films: dict[str, list[WrongBits]] = {}
+        for entry in self.times:
+            films.setdefault(entry.film, []).append(entry)
+        return {
+            name: mine
+            for name, mine in list(films.items())[:most]
+            if len({entry.value for entry in mine}) > 1
+        }
+
 
 def film_evidence(
     captures: Path, records: pd.DataFrame, folder: Path, pictures: bool

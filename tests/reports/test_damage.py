@@ -46,7 +46,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-CHARTS = ("response_charts", "sweep_charts")
+CHARTS = ("chart",)
 FINDINGS = ("ranked_comparisons",)
 
 
@@ -55,14 +55,12 @@ def what_takes_long_is_made_once_of_the_same_numbers() -> Iterator[None]:
     """A damaged run is mostly as it was, and charts and comparisons take most of a page's time."""
     drawn: dict[bytes, Any] = {}
 
-    def shown_of(run: Run, name: str) -> object:
-        if name in CHARTS:
-            return run.swept
+    def shown_of(run: Run) -> object:
         return run.about, run.records, run.scores
 
     def once(name: str, draw: Callable[..., Any]) -> Callable[..., Any]:
         def remembered(*numbers: Any) -> Any:
-            used = [shown_of(part, name) if isinstance(part, Run) else part for part in numbers]
+            used = [shown_of(part) if isinstance(part, Run) else part for part in numbers]
             key = pickle.dumps((name, used))
             if key not in drawn:
                 drawn[key] = draw(*numbers)

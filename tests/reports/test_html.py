@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 import evaluate
 from reports.engine.records import to_records, write_predictions
 from reports.evaluation.html import render
-from reports.evaluation.page import SECTIONS, ranked_comparisons, summaries, write_report
+from reports.evaluation.page import SECTIONS, ranked_comparisons, write_report
 from reports.evaluation.settings import chosen_sweeps
 from reports.evaluation.sweeps import SWEEPS, SWEPT_PAIRS, condition_values
 from reports.render.charts import (
@@ -427,9 +427,10 @@ def test_methods_of_other_captures_are_not_held_against_each_other(store: Store)
 def test_conditions_are_summed_up_apart(store: Store) -> None:
     lines = [line("oorc", i, 1) | {"condition": f"kind {i % 2}"} for i in range(6)]
     lines += [line("film", i, 1) | {"condition": "kind 1"} for i in (1, 3, 5)]
-    tables = summaries(RunFolder(store("kinds", lines)).read())
-    assert [table.title for table in tables] == ["kind 0", "kind 1"]
-    assert [[str(row[0]) for row in table.rows] for table in tables] == [["oorc"], ["oorc", "film"]]
+    parts = RunFolder(store("kinds", lines)).read().by_condition
+    assert list(parts) == ["kind 0", "kind 1"]
+    ranked = [list(ranked_comparisons(part)) for part in parts.values()]
+    assert ranked == [["oorc"], ["oorc", "film"]]
 
 
 @given(st.floats(0, 1), st.floats(0, 1), st.floats(0, 1))
