@@ -11,7 +11,6 @@ from reports.evaluation.sweeps import Sweep
 from reports.render.charts import (
     INK,
     MUTED,
-    Point,
     Series,
     draw_series,
     in_style,
@@ -56,10 +55,11 @@ def sweep_figure(sweep: Sweep, swept: pd.DataFrame) -> Figure:
     set_ticks(panel.xaxis, ticks, [f"{tick:.3g}" for tick in ticks])
     panel.set_xlabel(sweep.axis)
     set_accuracy_axis(panel, max(LEAST, swept["accuracy"].min()))
-    lines: dict[str, list[Point]] = {}
-    for row in swept.itertuples():
-        lines.setdefault(row.method, []).append(Point(row.value, row.accuracy, row.low, row.high))
-    draw_series(panel, [Series(method, points) for method, points in lines.items()])
+    lines = [
+        Series(method, mine["value"], mine["accuracy"], mine[["low", "high"]].values.tolist())
+        for method, mine in swept.groupby("method", sort=False)
+    ]
+    draw_series(panel, lines)
     return figure
 
 
@@ -93,13 +93,13 @@ def response_figure(response: Response) -> Figure:
     panel.fill_between(
         response.displayed, response.low, response.high, color=MUTED, alpha=0.18, linewidth=0
     )
-    true = zip(response.displayed, response.median, strict=True)
-    lines = [Series("true", [Point(a, b, b, b) for a, b in true], INK)]
+    lines = [Series("true", response.displayed, response.median, colour=INK)]
     for method, curve in response.found.items():
-        inside = [Point(d, c, c, c) for d, c in curve if 0 <= d <= 255]
+        inside = [(displayed, captured) for displayed, captured in curve if 0 <= displayed <= 255]
         if inside:
-            lines.append(Series(method, inside))
-    draw_series(panel, lines, markers=False)
+            x, y = zip(*inside, strict=True)
+            lines.append(Series(method, x, y))
+    draw_series(panel, lines)
     return figure
 
 
@@ -128,16 +128,15 @@ def wrong_bits_figure(counted: Sequence[WrongBits], axis: str) -> Figure:
         axis: label of the horizontal axis.
     """
     figure, (panel,) = new_panels()
-    values = [entry.value for entry in counted]
-    margin = 0.03 * (max(values) - min(values)) or 0.5
-    panel.set_xlim(min(values) - margin, max(values) + margin)
+    table = pd.DataFrame(map(vars, counted))
+    table["right"] = 1 - table["wrong"] / table["known"]
+    first, last = table["value"].min(), table["value"].max()
+    margin = 0.03 * (last - first) or 0.5
+    panel.set_xlim(first - margin, last + margin)
     panel.set_xlabel(axis)
-    right = [1 - entry.wrong / entry.known for entry in counted]
-    set_accuracy_axis(panel, max(0.5, min(right)))
-    lines: dict[str, list[Point]] = {}
-    for entry, share in zip(counted, right, strict=True):
-        lines.setdefault(entry.method, []).append(Point(entry.value, share, share, share))
-    draw_series(panel, [Series(method, points) for method, points in lines.items()], markers=False)
+    set_accuracy_axis(panel, max(0.5, table["right"].min()))
+    groups = table.groupby("method", sort=False)
+    draw_series(panel, [Series(method, mine["value"], mine["right"]) for method, mine in groups])
     return figure
 
 

@@ -104,27 +104,18 @@ def in_style(draw: Callable[P, R]) -> Callable[P, R]:
 
 
 @dataclass(frozen=True)
-class Point:
-    """A measured value with its interval."""
-
-    x: float
-    """Place on the horizontal axis, in its unit."""
-    y: float
-    """Measured value, in the unit of the vertical axis."""
-    low: float
-    """Lower end of the interval of ``y``."""
-    high: float
-    """Upper end of the interval of ``y``."""
-
-
-@dataclass(frozen=True)
 class Series:
-    """Points of one method."""
+    """Measured values of one method."""
 
     label: str
     """Name of the method, which decides its colour."""
-    points: Sequence[Point]
-    """Measured values, from left to right."""
+    x: Sequence[float]
+    """Places on the horizontal axis, in its unit, from left to right."""
+    y: Sequence[float]
+    """Measured values there, in the unit of the vertical axis."""
+    intervals: Sequence[Sequence[float]] = ()
+    """Lower and upper ends of the intervals of ``y``; empty for a line whose values are not marked.
+    """
     colour: str = ""
     """Colour as "#rrggbb"; `colour_of` the label where it is empty."""
     name: str = ""
@@ -238,38 +229,34 @@ def set_ticks(axis: Axis, values: Sequence[float], labels: Sequence[str]) -> Non
     axis.set_ticklabels(labels)
 
 
-def draw_series(
-    panel: Axes, series: Sequence[Series], markers: bool = True, legend: str = "beside"
-) -> None:
+def draw_series(panel: Axes, series: Sequence[Series], legend: str = "beside") -> None:
     """Draw lines of methods with intervals, and name them in the order of all charts.
 
     Args:
         panel: where to draw; its limits are set already, and what lies beyond is drawn at them.
-        series: lines with at least one point each.
-        markers: whether points are marked and have interval bars; such lines stand a little apart
-            along x, so that bars at equal x can be told apart.
+        series: lines with at least one value each. Values with intervals are marked and have bars;
+            such lines stand a little apart along x, so that bars at equal x can be told apart.
         legend: where the names stand: "beside" the panel, or inside, as matplotlib names a corner.
     """
     low, high = sorted(panel.get_ylim())
     for number, line in enumerate(series):
         colour = line.colour or colour_of(line.label)
-        shift = 2.4 * (number - (len(series) - 1) / 2) / 72 if markers else 0.0
+        shift = 2.4 * (number - (len(series) - 1) / 2) / 72 if line.intervals else 0.0
         moved = panel.transData + ScaledTranslation(shift, 0, panel.figure.dpi_scale_trans)
         look: dict[str, Any] = {"color": colour, "clip_on": False, "transform": moved}
-        heights = np.clip([p.y for p in line.points], low, high)
-        panel.plot([p.x for p in line.points], heights, **look)
-        for point, height in zip(line.points, heights, strict=True) if markers else ():
-            ends = np.clip([point.low, point.high], low, high)
-            panel.plot([point.x] * 2, ends, linewidth=1.1, alpha=0.75, **look)
+        heights = np.clip(line.y, low, high)
+        panel.plot(line.x, heights, **look)
+        for x, height, ends in zip(line.x, heights, line.intervals, strict=False):
+            panel.plot([x] * 2, np.clip(ends, low, high), linewidth=1.1, alpha=0.75, **look)
             edge: dict[str, Any] = {"markeredgecolor": PAPER, "markeredgewidth": 0.6}
-            panel.plot([point.x], [height], marker_of(line.label), **edge, **look)
+            panel.plot([x], [height], marker_of(line.label), **edge, **look)
     order = {name: number for number, name in enumerate(DECODERS)}  # others stand before them
     handles = [
         Line2D(
             [],
             [],
             color=line.colour or colour_of(line.label),
-            marker=marker_of(line.label) if markers else "",
+            marker=marker_of(line.label) if line.intervals else "",
             label=line.name or line.label,
         )
         for line in sorted(series, key=lambda line: order.get(line.label, -1))

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from matplotlib.figure import Figure
 
-from reports.render.charts import Point, Series, draw_series, in_style, new_panels
+from reports.render.charts import Series, draw_series, in_style, new_panels
 from reports.render.tables import Table, number
 from reports.score.reliability import BINS, Curves, calibration_error
 
@@ -64,13 +64,11 @@ def reliability_figure(
         )
         series = []
         for method, bins in mine.items():
-            points = [
-                Point(b.confidence, b.accuracy, b.ci_low, b.ci_high)
-                for b in bins
-                if b.count >= SHOWN_BITS
-            ]
-            if points:
+            shown = [b for b in bins if b.count >= SHOWN_BITS]
+            if shown:
                 text = f"{method}, error {calibration_error(bins):.3f}"
-                series.append(Series(method, points, name=text))
+                x, y = [b.confidence for b in shown], [b.accuracy for b in shown]
+                intervals = [(b.ci_low, b.ci_high) for b in shown]
+                series.append(Series(method, x, y, intervals, name=text))
         draw_series(panel, series, legend="lower right")
     return figure

@@ -22,7 +22,6 @@ from reports.evaluation.settings import chosen_sweeps
 from reports.evaluation.sweeps import SWEEPS, SWEPT_PAIRS, condition_values
 from reports.render.charts import (
     ACCURACY_TICKS,
-    Point,
     Series,
     accuracy_from_scale,
     accuracy_scale,
@@ -310,7 +309,7 @@ def test_legends_have_one_order_whatever_a_chart_shows() -> None:
     named = ["true", "naive", "oorc", "learned"]
     for heights in ((1.0, 2.0, 3.0, 4.0), (4.0, 1.0, 3.0, 2.0)):
         _, (panel,) = new_panels()
-        lines = [Series(n, [Point(0.0, y, y, y)]) for n, y in zip(named, heights, strict=True)]
+        lines = [Series(n, [0.0], [y], [(y, y)]) for n, y in zip(named, heights, strict=True)]
         draw_series(panel, [lines[0], *lines[:0:-1]])
         legend = panel.get_legend()
         assert [text.get_text() for text in legend.get_texts()] == named
@@ -321,8 +320,7 @@ def test_a_chart_says_its_title_and_is_the_same_again() -> None:
     def chart() -> str:
         figure, (panel,) = new_panels()
         panel.set(xlim=(0, 2), ylim=(0, 1))
-        point = Point(1.0, 0.5, 0.4, 2.0)
-        draw_series(panel, [Series("a <b> $c$", [point])])
+        draw_series(panel, [Series("a <b> $c$", [1.0], [0.5], [(0.4, 2.0)])])
         return str(to_svg(figure, "A <title>"))
 
     root = ET.fromstring(chart())
