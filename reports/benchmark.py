@@ -20,7 +20,7 @@ from data_gen.today import TODAY
 from link.images import write_bytes
 from link.layout import make_layout
 from link.presets import PRESETS
-from reports.engine.backends import Backend, one_thread, run_tasks
+from reports.engine.backends import one_thread, run_tasks
 from reports.engine.digest import code_digest
 from reports.engine.methods import Method
 from reports.engine.predict import (
@@ -31,10 +31,9 @@ from reports.engine.predict import (
     paper_cells,
 )
 from reports.engine.provenance import provenance
-from reports.evaluation.comparison import compare_on, film_conditions
+from reports.evaluation.comparison import Bench, film_conditions
 from reports.evaluation.evidence import Stopwatch
 from reports.render.tables import Table, TableCell, percent, share_interval
-from reports.run import RunFolder
 from reports.score.accuracy import pool, score
 
 VERSION = 2
@@ -79,13 +78,12 @@ def frames_digest(condition: Condition) -> str:
     return digest.hexdigest()[:16]
 
 
-def run_benchmark(methods: Sequence[Method], folder: RunFolder, backend: Backend) -> list[str]:
+def run_benchmark(bench: Bench) -> list[str]:
     """Decode all conditions, print the table, and write the result; a run that was cut off goes on.
 
     Args:
-        methods: decoders; each is left out of the conditions that do not suit it.
-        folder: folder of the run; its settings are written already.
-        backend: where cells are decoded.
+        bench: decoders, each of which is left out of the conditions that do not suit it, folder
+            and backend.
 
     Returns:
         a line for each cell that failed.
@@ -102,7 +100,9 @@ def run_benchmark(methods: Sequence[Method], folder: RunFolder, backend: Backend
         with clock.time("digests"):
             digests = {
                 conditions[outcome.index].name: outcome.result or "failed"
-                for outcome in run_tasks(frames_digest, conditions, backend, "digest of frames")
+                for outcome in run_tasks(
+                    frames_digest, conditions, bench.backend, "digest of frames"
+                )
             }
         pools = pooled(predicted.records)
         result = {
@@ -115,14 +115,14 @@ def run_benchmark(methods: Sequence[Method], folder: RunFolder, backend: Backend
                 }
                 for each in conditions
             },
-            "decoders": [decoder_result(method, conditions, pools) for method in methods],
+            "decoders": [decoder_result(method, conditions, pools) for method in bench.methods],
             "failed_cells": predicted.failed,
         }
         text = json.dumps(result, indent=1, default=str) + "\n"
-        write_bytes(folder.path / RESULT, text.encode())
+        write_bytes(bench.folder.path / RESULT, text.encode())
         return []
 
-    return compare_on(conditions, methods, folder, backend, SEED, tabulate, beside=write_result)
+    return bench.compare(conditions, SEED, tabulate, beside=write_result)
 
 
 def benchmark_table(pooled: pd.DataFrame, names: Sequence[str]) -> Table:

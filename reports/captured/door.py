@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from link.captures import MANIFEST, KnownWindow, read_manifest, save_captures
+from link.captures import MANIFEST, KnownWindow, save_captures
 from link.errors import InputError
 from link.frames import Captured
 from link.images import image_files, write_bytes
@@ -162,50 +162,8 @@ def bench_part(reception: Reception, sent: Sent) -> tuple[list[Known], float]:
     return found, seconds
 
 
-def own_recordings(
-    captures: Path | None, sent: Path | None, *, fps: float | None, **meta: Any
-) -> Recordings | None:
-    """Open own films or photographs where --sent says what was shown; else return None.
-
-    Args:
-        captures: value of --captures, None where absent.
-        sent: value of --sent, None where absent.
-        fps: value of --fps, None where absent.
-        **meta: "photos", "pair" and "view_deg", the values of --photos, --camera and --view; None
-            where absent.
-
-    Raises:
-        InputError: a flag is there without the one that it needs, or what was sent is no good.
-    """
-    given = {key: value for key, value in meta.items() if value is not None}
-    if captures is None or sent is None:
-        if captures is None and sent is not None:
-            raise InputError("--sent: is about own recordings, and needs --captures")
-        for key, value in {**given, "fps": fps}.items():
-            if value is not None:
-                flag = {"pair": "camera", "view_deg": "view"}.get(key, key)
-                raise InputError(
-                    f"--{flag}: is about own recordings, and needs --captures and --sent"
-                )
-        return None
-    photos = bool(given.pop("photos", False))
-    return open_recordings(captures, sent, photos=photos, meta=given, fps=fps)
-
-
-def holds_windows(captures: Path | None, recordings: Recordings | None) -> bool:
-    """Tell whether windows of film are decoded, which more methods read than frame pairs.
-
-    Args:
-        captures: a folder with a manifest, or own recordings; None where all is simulated.
-        recordings: the own recordings; None where there are none.
-    """
-    if recordings is not None:
-        return recordings.are_windows
-    return captures is not None and any(entry.is_window for entry in read_manifest(captures))
-
-
 def open_recordings(
-    place: Path, sent: Path, *, photos: bool, meta: dict[str, Any], fps: float | None = None
+    place: Path, sent: Path, photos: bool, meta: dict[str, Any], fps: float | None = None
 ) -> Recordings:
     """Find the films of a place and what each of them shows.
 
@@ -215,7 +173,7 @@ def open_recordings(
         sent: a player's .html, a folder of states or its sent.json; beside several films also a
             folder with one of these for each, named as the film.
         photos: whether it holds photographs of the states, one of each in order.
-        meta: keys that all captures get.
+        meta: keys that all captures get; what is None is left out.
         fps: frames a second of the films, in place of what they state.
 
     Raises:
@@ -234,7 +192,8 @@ def open_recordings(
         own = sent_of(sent, film)
         if own not in read:
             read[own] = read_sent(own)
-    return Recordings(tuple((f, read[sent_of(sent, f)]) for f in films), photos, meta, fps)
+    given = {key: value for key, value in meta.items() if value is not None}
+    return Recordings(tuple((f, read[sent_of(sent, f)]) for f in films), photos, given, fps)
 
 
 def watch(film: Path, layout: Layout, fps: float | None) -> Reception:

@@ -1,10 +1,11 @@
 """The comparison of methods: on simulated frame pairs, on simulated films, on a folder of captures.
 
-Each decodes, scores, prints and writes in the same way (`compare_on`), and adds what its report
+Each decodes, scores, prints and writes in the same way (`Bench.compare`), and adds what its report
 shows beside the predictions.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
@@ -40,72 +41,71 @@ Beside = Callable[[Predicted, Stopwatch], list[str]]
 """Writes more beside what was decoded, and gives a line for each cell that failed on the way."""
 
 
-def compare_on(
-    conditions: Sequence[Condition],
-    methods: Sequence[Method],
-    folder: RunFolder,
-    backend: Backend,
-    seed: int,
-    tabulate: Callable[[pd.DataFrame], Sequence[Table]],
-    *,
-    simulated: bool = True,
-    beside: Beside = lambda predicted, clock: [],
-    notes: Sequence[str] = (),
-    **stated: str,
-) -> list[str]:
-    """Decode, score, print and write.
+@dataclass(frozen=True)
+class Bench:
+    """Methods that are compared, and where: what all kinds of comparisons share."""
 
-    Args:
-        conditions: what is decoded.
-        methods: methods; one that does not suit is left out, and a line says so.
-        folder: folder of the run; its settings are written already.
-        backend: where cells are decoded.
-        seed: seed that is written beside the results.
-        tabulate: makes the tables of the predictions.
-        simulated: whether all captures are simulated.
-        beside: writes more, once the predictions and their scores are written.
-        notes: what a reader must know of the captures.
-        **stated: settings that run.json says otherwise than config.json.
+    methods: Sequence[Method]
+    """Methods; one that does not suit is left out, and a line says so."""
+    folder: RunFolder
+    """Folder of the run; its settings are written before anything is compared."""
+    backend: Backend
+    """Processes or cluster that decode cells."""
+    html: bool = True
+    """Whether to measure and draw what report.html shows beside the predictions."""
 
-    Returns:
-        a line for each cell that failed.
-    """
-    clock = Stopwatch()
-    with clock.time("decoding"):
-        predicted = predict(conditions, methods, folder.path / PREDICTIONS, backend)
-    notes = [*notes, *predicted.left_out]
-    tables = [table.markdown() for table in tabulate(predicted.records)]
-    meta = provenance(seed, simulated) | {"failed_cells": predicted.failed}
-    folder.write_comparison(predicted.records, meta, "\n\n".join(tables))
-    print(*notes, sep="\n", end="\n" * bool(notes))
-    print(*tables, f"written: {folder.path}/predictions.jsonl, metrics.json, tables.md", sep="\n\n")
-    failed = predicted.failed + beside(predicted, clock)
-    folder.finish(meta, clock.seconds, [*notes, *failed], **stated)
-    return failed
+    def compare(
+        self,
+        conditions: Sequence[Condition],
+        seed: int,
+        tabulate: Callable[[pd.DataFrame], Sequence[Table]],
+        *,
+        simulated: bool = True,
+        beside: Beside = lambda predicted, clock: [],
+        notes: Sequence[str] = (),
+        **stated: str,
+    ) -> list[str]:
+        """Decode, score, print and write.
+
+        Args:
+            conditions: what is decoded.
+            seed: seed that is written beside the results.
+            tabulate: makes the tables of the predictions.
+            simulated: whether all captures are simulated.
+            beside: writes more, once the predictions and their scores are written.
+            notes: what a reader must know of the captures.
+            **stated: settings that run.json says otherwise than config.json.
+
+        Returns:
+            a line for each cell that failed.
+        """
+        clock, folder = Stopwatch(), self.folder
+        with clock.time("decoding"):
+            predicted = predict(conditions, self.methods, folder.path / PREDICTIONS, self.backend)
+        notes = [*notes, *predicted.left_out]
+        tables = [table.markdown() for table in tabulate(predicted.records)]
+        meta = provenance(seed, simulated) | {"failed_cells": predicted.failed}
+        folder.write_comparison(predicted.records, meta, "\n\n".join(tables))
+        print(*notes, sep="\n", end="\n" * bool(notes))
+        written = f"written: {folder.path}/predictions.jsonl, metrics.json, tables.md"
+        print(*tables, written, sep="\n\n")
+        failed = predicted.failed + beside(predicted, clock)
+        folder.finish(meta, clock.seconds, [*notes, *failed], **stated)
+        return failed
 
 
 def evaluate_simulated(
-    comparison: Condition,
-    methods: Sequence[Method],
-    folder: RunFolder,
-    backend: Backend,
-    sweeps: Sequence[str],
-    *,
-    quick: bool,
-    html: bool,
+    bench: Bench, comparison: Condition, sweeps: Sequence[str], quick: bool
 ) -> list[str]:
-    """Compare methods on simulated frame pairs, with `compare_on`.
+    """Compare methods on simulated frame pairs, with `Bench.compare`.
 
     Args:
+        bench: methods, folder and backend.
         comparison: cells that are compared.
-        methods: methods.
-        folder: folder of the run.
-        backend: where cells are decoded.
         sweeps: names of the sweeps that are measured for the report.
         quick: whether sweeps have fewer values.
-        html: whether to measure what report.html shows beside the predictions.
     """
-    source = comparison.source
+    source, folder = comparison.source, bench.folder
 
     def tabulate(records: pd.DataFrame) -> list[Table]:
         scores = score(records)
@@ -115,21 +115,21 @@ def evaluate_simulated(
 
     def beside(predicted: Predicted, clock: Stopwatch) -> list[str]:
         records = predicted.records
-        if not html:
+        if not bench.html:
             return []
-        suited = [m for m in methods if m.label in set(records["method"])]
+        suited = [m for m in bench.methods if m.label in set(records["method"])]
         with clock.time("sweeps"):
             fewer = max(1, 2 * comparison.frames // 3)
             conditions = sweep_conditions(sweeps, source, fewer, quick)
             unlike = [method for method in suited if not method.card.twin_of]
-            swept = predict(conditions, unlike, folder.path / SWEPT, backend)
+            swept = predict(conditions, unlike, folder.path / SWEPT, bench.backend)
         with clock.time("pictures"):
             simulated_pictures(folder, comparison, records, suited)
         with clock.time("responses"):
             write_responses(folder, comparison, suited)
         return swept.failed
 
-    return compare_on([comparison], methods, folder, backend, source.seed, tabulate, beside=beside)
+    return bench.compare([comparison], source.seed, tabulate, beside=beside)
 
 
 def film_conditions(
@@ -167,26 +167,17 @@ def film_tables(records: pd.DataFrame) -> list[Table]:
 
 
 def evaluate_folder(
-    captures: Path,
-    methods: Sequence[Method],
-    folder: RunFolder,
-    seed: int,
-    backend: Backend,
-    html: bool,
-    notes: Sequence[str] = (),
+    bench: Bench, captures: Path, seed: int, notes: Sequence[str] = ()
 ) -> list[str]:
-    """Compare methods on a folder of captures, with `compare_on`.
+    """Compare methods on a folder of captures, with `Bench.compare`.
 
     Args:
+        bench: methods, folder and backend.
         captures: folder with a manifest.
-        methods: methods.
-        folder: folder of the run.
         seed: seed of the paired comparisons' resamples.
-        backend: where captures are decoded.
-        html: whether to write the pictures that report.html shows beside the predictions.
         notes: what a reader must know of how the captures were recorded.
     """
-    entries = read_manifest(captures)
+    entries, folder = read_manifest(captures), bench.folder
     simulated = all(bool(entry.meta.get("simulated")) for entry in entries)
 
     def tabulate(records: pd.DataFrame) -> list[Table]:
@@ -199,20 +190,17 @@ def evaluate_folder(
         records = predicted.records
         if any("time_s" in entry.meta for entry in entries):
             with clock.time("counting"):
-                folder.write(FILMS, film_evidence(captures, records, folder.path, html))
-        if html:
+                folder.write(FILMS, film_evidence(captures, records, folder.path, bench.html))
+        if bench.html:
             with clock.time("pictures"):
                 captured_pictures(folder, entries, records)
         return []
 
     unlike = any(entry.layout.ratex and not entry.meta.get("equalised") for entry in entries)
-    if unlike and any(method.label == "hidden_ratex" for method in methods):
+    if unlike and any(method.label == "hidden_ratex" for method in bench.methods):
         notes = [*notes, "hidden_ratex: these pictures were not equalised for it"]
-    return compare_on(
+    return bench.compare(
         recorded_conditions(entries),
-        methods,
-        folder,
-        backend,
         seed,
         tabulate,
         simulated=simulated,

@@ -290,4 +290,4 @@ def test_of_several_films_those_that_are_not_read_are_left_out(
 
 def test_a_place_without_films_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such film"):
-        open_recordings(tmp_path / "no", tmp_path, photos=False, meta={})
+        open_recordings(tmp_path / "no", tmp_path, False, {})

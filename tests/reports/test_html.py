@@ -177,7 +177,7 @@ def test_sweeps_join_the_reference_comparison_alone(
     flags: dict[str, Any], expected: tuple[str, ...]
 ) -> None:
     config = evaluate.EvaluateConfig(**flags)
-    assert chosen_sweeps(config, config.sweeps) == expected
+    assert chosen_sweeps(config) == expected
 
 
 def test_without_html_nothing_is_drawn(tmp_path: Path, command: Command) -> None:
