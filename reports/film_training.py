@@ -39,7 +39,7 @@ from reports.engine.records import (
     write_predictions,
 )
 from reports.evaluation.trained import BEFORE, held_out_table, write_page
-from reports.films import FilmOf, film_settings
+from reports.films import film_cuts, film_settings
 from reports.run import PREDICTIONS, claim_folder
 
 UNDECISIVE = ("jobs",)
@@ -69,7 +69,7 @@ class FilmTrainConfig:
     held_out: int = 12
     """Number of held-out films, of test pictures, by which the result is measured."""
     seconds: float = 1.4
-    """Length of each film, seconds."""
+    """Length of each film, seconds; cameras below 60 frames a second film longer."""
     max_view: float = 60.0
     """Largest angle between the camera and the display's normal, degrees."""
     steps: int = 600
@@ -88,15 +88,17 @@ class FilmTrainConfig:
 class Recording:
     """A film whose windows are kept in a file."""
 
-    film: FilmOf
-    """The film."""
+    take: Take
+    """Setting of the film."""
+    seconds: float
+    """Length of the film, as `film_cuts` takes it."""
     file: Path
     """The file, which is written when all windows are there."""
 
     def make(self) -> None:
         """Film, receive, and write the windows."""
         one_thread()
-        write_bytes(self.file, pack_windows(windows_of(self.film.cuts())))
+        write_bytes(self.file, pack_windows(windows_of(film_cuts(self.take, self.seconds))))
 
 
 def train_films(config: FilmTrainConfig) -> None:
@@ -168,15 +170,14 @@ def deal_out(config: FilmTrainConfig, split: str, folder: Path) -> list[Recordin
         settings = film_settings(config.filmed[number % len(config.filmed)])
         view = round(float(rng.uniform(0, config.max_view)), 1)
         take = Take(settings, pairs[number % len(pairs)], view, number, config.seed, split)
-        seconds = config.seconds * max(1.0, 60 / settings.fps)
         name = f"{number:04d}_{take.name.replace(' ', '_')}.npz"
-        recordings.append(Recording(FilmOf(take, seconds), folder / name))
+        recordings.append(Recording(take, config.seconds, folder / name))
     return recordings
 
 
 def load_windows(recording: Recording) -> list[KnownWindow]:
     """Load the windows of a film."""
-    take = recording.film.take
+    take = recording.take
     meta: dict[str, object] = {"pair": take.pair, "view_deg": take.view}
     windows = unpack_windows(recording.file, take.settings.layout)
     return [replace(each, kappa=take.settings.kappa, meta=meta) for each in windows]

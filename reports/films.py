@@ -5,6 +5,7 @@ The comparison decodes what was cut, and the film decoder is trained on it.
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,10 @@ from reports.engine.predict import observe
 
 USUAL_FPS = 30.0
 """Number of frames a second of the camera where none is named."""
+SECONDS = 1.4
+"""Length of the films that are compared, as `film_cuts` takes it, seconds."""
+WINDOWS_A_FILM = 3
+"""Largest number of windows that are kept of a film."""
 FILM_BYTES = 2000
 """Length of the filmed messages, bytes: their loops are longer than a film."""
 
@@ -59,54 +64,41 @@ def film_settings(name: str) -> FilmSettings:
     )
 
 
-@dataclass(frozen=True)
-class FilmOf:
-    """One simulated film and the windows that are kept of it."""
+def film_cuts(take: Take, seconds: float) -> list[KnownWindow | Captured]:
+    """Film and receive: `WINDOWS_A_FILM` windows, or all frame pairs where these are read.
 
-    take: Take
-    """Setting of the film: preset, rate and kind of picture."""
-    seconds: float
-    """Length of the film, seconds."""
-    most: int = 3
-    """Largest number of windows that are kept."""
+    What cannot be matched with the loop is left out; there is nothing where the display was not
+    found.
 
-    def cuts(self) -> list[KnownWindow | Captured]:
-        """Film and receive: the kept windows, or all frame pairs where the layout is read by them.
-
-        What cannot be matched with the loop is left out; there is nothing where the display was
-        not found.
-        """
-        settings = self.take.settings
-        filmed = film_message(self.take)
-        coded = through_codec(filmed.frames, settings.codec, settings.fps)
-        frames = []
-        for frame in coded:
-            if frame.time_s > self.seconds:
-                break
-            frames.append((frame.rgb, frame.time_s))
-        cuts = receive_film(frames, settings.fps, settings.layout, apart=False).cuts
-        if cuts and cuts[0].window is not None:
-            kept = np.unique(np.linspace(0, len(cuts) - 1, self.most).round().astype(int))
-            cuts = [cuts[at] for at in kept]
-        found: list[KnownWindow | Captured] = []
-        for cut in cuts:
-            match = match_loop(cut.scores, filmed.bits)
-            found += cut.known(match.bits, ends=True) if match.kind == "fits" else []
-        return found
+    Args:
+        take: setting of the film: preset, rate and kind of picture.
+        seconds: length of the film for a camera of 60 frames a second; slower ones film longer.
+    """
+    settings = take.settings
+    filmed = film_message(take)
+    coded = through_codec(filmed.frames, settings.codec, settings.fps)
+    last = seconds * max(1.0, 60 / settings.fps)
+    seen = takewhile(lambda frame: frame.time_s <= last, coded)
+    frames = ((frame.rgb, frame.time_s) for frame in seen)
+    cuts = receive_film(frames, settings.fps, settings.layout, apart=False).cuts
+    if cuts and cuts[0].window is not None:
+        kept = np.linspace(0, len(cuts) - 1, WINDOWS_A_FILM).round().astype(int)
+        cuts = [cuts[at] for at in np.unique(kept)]
+    found: list[KnownWindow | Captured] = []
+    for cut in cuts:
+        match = match_loop(cut.scores, filmed.bits)
+        found += cut.known(match.bits, ends=True) if match.kind == "fits" else []
+    return found
 
 
 @dataclass(frozen=True)
 class FilmSource:
-    """Cuts of simulated films, which `reports.engine.predict` decodes."""
+    """Cuts of simulated films of test pictures, which `reports.engine.predict` decodes."""
 
     settings: FilmSettings
     """Setting of the film: what is shown, and how it is filmed."""
     seed: int = 0
     """Seed of every random draw."""
-    split: str = "test"
-    """Split whose pictures and channel draws are used."""
-    seconds: float = 1.4
-    """Length of each film, seconds of a camera of 60 frames a second; slower ones film longer."""
     pictures: Path | None = None
     """None: films show the built-in pictures."""
 
@@ -138,9 +130,8 @@ def _(source: FilmSource, cell: Cell, index: int, equalised: bool) -> KnownWindo
 def _film(
     source: FilmSource, cell: Cell, index: int, least: int
 ) -> tuple[list[KnownWindow | Captured], str]:
-    seconds = source.seconds * max(1.0, 60 / source.settings.fps)
     for number in range(index * TRIES, (index + 1) * TRIES):
-        take = Take(source.settings, cell.pair, cell.view_deg, number, source.seed, source.split)
-        if len(found := FilmOf(take, seconds).cuts()) >= least:
+        take = Take(source.settings, cell.pair, cell.view_deg, number, source.seed, "test")
+        if len(found := film_cuts(take, SECONDS)) >= least:
             return found[-least:], film_message(take).picture
     raise InputError(f"the receiver found no display in {TRIES} films, number {index}")

@@ -17,15 +17,14 @@ from reports.film_training import (
     fit_constants,
     load_windows,
 )
-from reports.films import FilmOf, film_settings
+from reports.films import film_settings
 
 
 def test_kept_windows_are_what_they_were_and_train_the_decoder(tmp_path: Path) -> None:
     settings = film_settings("robust:30")
     made = synthetic_window(settings.layout, np.random.default_rng(0), frames=10, noise=8.0)
-    recording = Recording(
-        FilmOf(Take(settings, "canon-lg", 0.0, 0, 0), 1.0), tmp_path / "window.npz"
-    )
+    take = Take(settings, "canon-lg", 0.0, 0, 0)
+    recording = Recording(take, 1.0, tmp_path / "window.npz")
     kept = [KnownWindow(made.observation, made.bits)] * 2
     write_bytes(recording.file, pack_windows(kept))
     windows = load_windows(recording)
