@@ -7,7 +7,6 @@ from typing import Any
 
 from lab.ablation import STUDY as ABLATION
 from lab.study import Results, Study, stored_results
-from reports.ablation.results import AblationEntry
 from reports.render.tables import Table, TableCell, percent, share_interval, summary_table
 from reports.score.accuracy import read_scores
 
@@ -37,7 +36,7 @@ def main_table(docs: Path) -> str:
 
 def harder_table(docs: Path) -> str:
     """Show wrong bits beyond the paper's conditions, with their intervals, from the ablation."""
-    entries = by_row_and_condition(stored(ABLATION, docs))
+    entries = stored(ABLATION, docs).content.by_place
     rows: list[list[str | TableCell]] = []
     for key, words in HARDER.items():
         shown = [entries[row, key] for row in DECODER_ROWS]
@@ -53,7 +52,7 @@ def harder_table(docs: Path) -> str:
 def against_oorc(docs: Path) -> str:
     """Compare `learned` with OORC in the paper's cells, with the command that did it."""
     results = stored(ABLATION, docs, "paper")
-    entries = by_row_and_condition(results)
+    entries = results.content.by_place
     ours, theirs = entries["learned", "paper"], entries["oorc", "paper"]
     paired = ours.against["oorc"]
     return (
@@ -67,11 +66,6 @@ def against_oorc(docs: Path) -> str:
 def stored(study: Study[Any, Any], docs: Path, label: str = "") -> Results[Any]:
     """Read the results of a study that docs/ holds, of the label if it has several."""
     return stored_results(study, study.folder(docs))[label or study.name]
-
-
-def by_row_and_condition(results: Results[Any]) -> dict[tuple[str, str], AblationEntry]:
-    """Entries of an ablation by row and condition."""
-    return {(entry.row, entry.condition): entry for entry in results.content.entries}
 
 
 @dataclass(frozen=True)

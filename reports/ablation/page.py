@@ -9,7 +9,7 @@ from matplotlib.ticker import FixedLocator, NullLocator
 from reports.ablation.results import BLOCKS, Ablation, AblationEntry
 from reports.engine.conditions import SETTINGS
 from reports.render.charts import in_style
-from reports.render.tables import Table, TableCell, Tint, difference_interval, percent
+from reports.render.tables import Table, TableCell, difference_interval, percent, tint_of
 from reports.score.paired import MIN_FRAMES, Paired
 
 TICKS = (-30, -10, -3, -1, 0, 1, 3, 10, 30)
@@ -26,7 +26,7 @@ def ablation_tables(ablation: Ablation) -> list[Table]:
         a table for each of `BLOCKS`: rows of the ablation by conditions; the error in per cent, and
         beside it the paired difference to the reference.
     """
-    return [_switch_table(ablation.entries, title) for title in BLOCKS]
+    return [_switch_table(ablation, title) for title in BLOCKS]
 
 
 @in_style
@@ -35,8 +35,7 @@ def ablation_figure(ablation: Ablation, kind: str = "simulated captures") -> Fig
 
     Green is better than the reference beyond the interval, red is worse, gray is neither.
     """
-    entries = ablation.entries
-    by_place = {(entry.row, entry.condition): entry for entry in entries}
+    entries, by_place = ablation.entries, ablation.by_place
     conditions = list(dict.fromkeys(entry.condition for entry in entries))
     order = dict.fromkeys(entry.row for entry in entries)
     blocks = {
@@ -74,7 +73,7 @@ def _draw_panel(panel: Axes, compared: Sequence[Paired]) -> None:
     """Draw the comparisons of one condition below each other."""
     panel.axvline(0, color="0.7", linewidth=1)
     for y, paired in enumerate(compared):
-        colour = {"good": "C2", "bad": "C3", "": "0.4"}[_tint(paired)]
+        colour = {"good": "C2", "bad": "C3", "": "0.4"}[tint_of(paired)]
         if paired.frames >= MIN_FRAMES:
             panel.plot([paired.low, paired.high], [y, y], color=colour)
         panel.plot(paired.difference, y, "o", color=colour, markersize=4)
@@ -86,12 +85,12 @@ def _draw_panel(panel: Axes, compared: Sequence[Paired]) -> None:
     panel.tick_params(axis="x", labelsize=7)
 
 
-def _switch_table(entries: Sequence[AblationEntry], title: str) -> Table:
+def _switch_table(ablation: Ablation, title: str) -> Table:
     """Rows of one block by conditions."""
     reference, rows = BLOCKS[title]
-    by_place = {(entry.row, entry.condition): entry for entry in entries}
-    bits = {entry.condition: entry.bits for entry in entries}
-    shown = [row for row in dict.fromkeys(entry.row for entry in entries) if row in rows]
+    by_place = ablation.by_place
+    bits = {entry.condition: entry.bits for entry in ablation.entries}
+    shown = [row for row in dict.fromkeys(row for row, _ in by_place) if row in rows]
     return Table(
         [
             f"row, against {reference}",
@@ -108,12 +107,8 @@ def _error_cell(entry: AblationEntry, reference: str) -> TableCell:
     if reference not in entry.against:
         return TableCell(text)
     paired = entry.against[reference]
-    return TableCell(text, f"{paired.difference:+.2f}, {_interval(paired)}", _tint(paired))
+    return TableCell(text, f"{paired.difference:+.2f}, {_interval(paired)}", tint_of(paired))
 
 
 def _interval(paired: Paired) -> str:
     return "no interval" if paired.frames < MIN_FRAMES else difference_interval(paired)
-
-
-def _tint(paired: Paired) -> Tint:
-    return "good" if paired.low > 0 else "bad" if paired.high < 0 else ""

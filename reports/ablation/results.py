@@ -56,11 +56,16 @@ class Ablation:
     """Reliability of the decoders to use, by row and condition; `reports.score.reliability.ALL`
     stands for all conditions. Empty in results that were stored before it was."""
 
+    @property
+    def by_place(self) -> dict[tuple[str, str], AblationEntry]:
+        """Entries by row and condition."""
+        return {(entry.row, entry.condition): entry for entry in self.entries}
+
     def __post_init__(self) -> None:
         """Check that the tables find every entry and comparison that they show."""
-        places = [(entry.row, entry.condition) for entry in self.entries]
+        places = self.by_place
         rows, conditions = ({place[side] for place in places} for side in (0, 1))
-        if len(set(places)) != len(places) or len(places) != len(rows) * len(conditions):
+        if not len(self.entries) == len(places) == len(rows) * len(conditions):
             raise ValueError("needs one entry for each row in each condition")
         for entry in self.entries:
             against = {reference for reference, _ in BLOCKS.values()} & rows - {entry.row}

@@ -13,7 +13,7 @@ from link.images import write_bytes
 from reports.evaluation.html import render
 from reports.evaluation.sweeps import SWEEPS, condition_values
 from reports.render.charts import colour_of
-from reports.render.tables import Table, TableCell, Tint, difference_interval, number, percent
+from reports.render.tables import Table, TableCell, difference_interval, number, percent, tint_of
 from reports.run import Run, RunFolder
 from reports.score.paired import COUNTS, KEYS, Counts, compare, tally
 
@@ -158,12 +158,11 @@ def _cells(method: str, counts: Counts) -> list[str | TableCell]:
     """Give the row of a method, by its counts in run B against those in run A."""
     _, errors_b, errors_a, _ = (int(total) for total in counts.sum(axis=0))
     paired = compare(counts, np.random.default_rng(0))
-    tint: Tint = "good" if paired.low > 0 else "bad" if paired.high < 0 else ""
     return [
         method,
         percent(1 - errors_a / paired.bits),
         percent(1 - errors_b / paired.bits),
-        TableCell(f"{paired.difference:+.2f}", tint=tint),
+        TableCell(f"{paired.difference:+.2f}", tint=tint_of(paired)),
         difference_interval(paired),
         number(paired.ratio, 2),
         f"{paired.better} / {paired.worse}",

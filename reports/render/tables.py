@@ -97,6 +97,11 @@ def difference_interval(paired: Paired) -> str:
     return f"{paired.low:+.2f} to {paired.high:+.2f}"
 
 
+def tint_of(paired: Paired) -> Tint:
+    """Colour of a paired difference: none where its interval holds 0."""
+    return "good" if paired.low > 0 else "bad" if paired.high < 0 else ""
+
+
 def summary_table(
     scores: pd.DataFrame,
     title: str = "",
