@@ -31,7 +31,7 @@ from reports.engine.predict import Condition, predict_all
 from reports.engine.provenance import Making, commit, provenance
 from reports.engine.stored import resume
 from reports.render.charts import save_png
-from reports.render.tables import write_blocks
+from reports.render.tables import replace_block
 
 T = TypeVar("T")
 DOCS = Path("docs")
@@ -257,5 +257,5 @@ def keep_blocks(study: Study[F, R]) -> None:
     """Write the tables and pictures of the results that docs/ holds into its page and folder."""
     texts = show_study(study, study.folder(DOCS), DOCS)
     if study.page is not None:
-        kept = {name: text for name, text in texts.items() if name not in study.printed_alone}
-        write_blocks(study.page, kept)
+        for name in texts.keys() - study.printed_alone:
+            replace_block(study.page, name, texts[name])

@@ -230,24 +230,6 @@ def replace_block(page: Path, name: str, content: str) -> None:
     write_bytes(page, text.encode())
 
 
-def write_blocks(page: Path, blocks: Mapping[str, str]) -> None:
-    """Put texts into the marked blocks of a page; a page that is not there is made of them alone.
-
-    Args:
-        page: Markdown; what stands outside of the blocks is written by people, and stays.
-        blocks: Markdown by the name of the block.
-
-    Raises:
-        InputError: the page is there and lacks the markers of a block.
-    """
-    if page.is_file():
-        for name, content in blocks.items():
-            replace_block(page, name, content)
-        return
-    parts = [f"<!-- {name} -->\n{content}\n<!-- /{name} -->\n" for name, content in blocks.items()]
-    write_bytes(page, "\n".join(parts).encode())
-
-
 def _as_cells(row: Sequence[str | TableCell]) -> list[TableCell]:
     return [cell if isinstance(cell, TableCell) else TableCell(cell) for cell in row]
 
