@@ -27,14 +27,14 @@ from reports.engine.predict import (
 from reports.engine.provenance import provenance
 from reports.evaluation.evidence import (
     Stopwatch,
-    captured_pictures,
     simulated_pictures,
     write_responses,
 )
+from reports.evaluation.stories import worst_stories
 from reports.evaluation.sweeps import sweep_conditions
 from reports.films import FilmSource, film_settings
 from reports.render.tables import Table, cell_tables, information_table, summary_table
-from reports.run import PREDICTIONS, SWEPT, RunFolder
+from reports.run import PREDICTIONS, STORIES, SWEPT, RunFolder
 from reports.score.accuracy import score
 
 Beside = Callable[[Predicted, Stopwatch], list[str]]
@@ -193,7 +193,10 @@ def evaluate_folder(
                 folder.write(FILMS, film_evidence(captures, records, folder.path, bench.html))
         if bench.html:
             with clock.time("pictures"):
-                captured_pictures(folder, entries, records)
+                stories = worst_stories(
+                    records, lambda row: entries[row["index"]].load(), folder.path
+                )
+                folder.write(STORIES, stories)
         return []
 
     unlike = any(entry.layout.ratex and not entry.meta.get("equalised") for entry in entries)

@@ -8,18 +8,16 @@ from time import perf_counter
 import pandas as pd
 
 from data_gen.frame_pair import Cell, FramePair
-from link.captures import Entry
+from link.captures import KnownWindow
 from link.frames import Captured
 from reports.engine.methods import Method
-from reports.engine.predict import Condition
+from reports.engine.predict import Condition, observe
 from reports.evaluation.response import measure_response
 from reports.evaluation.stories import worst_stories
 from reports.run import RESPONSES, STORIES, RunFolder
 
 QUICK_FRAMES = 4
 """Largest number of frame pairs of each cell that ``evaluate.py --quick`` decodes."""
-PICTURES = 8
-"""Number of captures that are shown as pictures."""
 RESPONSE_CELLS, RESPONSE_FRAMES = 6, 3
 """Number of cells in which responses are measured, and of frame pairs in each of them."""
 
@@ -59,26 +57,11 @@ def simulated_pictures(
     """
     equalised = {method.label for method in methods if comparison.equalises(method)}
 
-    def filmed_again(row: pd.Series) -> Captured:
+    def filmed_again(row: pd.Series) -> Captured | KnownWindow:
         cell = Cell(row["pair"], float(row["view_deg"]), int(row["kappa"]))
-        hidden = row["method"] in equalised
-        return FramePair(comparison.source, cell, int(row["index"]), hidden).captured
+        return observe(comparison.source, cell, int(row["index"]), row["method"] in equalised)
 
-    folder.write(STORIES, worst_stories(records, filmed_again, folder.path, PICTURES))
-
-
-def captured_pictures(folder: RunFolder, entries: Sequence[Entry], records: pd.DataFrame) -> None:
-    """Write pictures of the captures of a folder that are read worst.
-
-    Args:
-        folder: folder of the run.
-        entries: all entries of its manifest, in order.
-        records: predictions of these captures.
-    """
-    stories = worst_stories(
-        records, lambda row: entries[row["index"]].load(), folder.path, PICTURES
-    )
-    folder.write(STORIES, stories)
+    folder.write(STORIES, worst_stories(records, filmed_again, folder.path))
 
 
 def write_responses(folder: RunFolder, comparison: Condition, methods: Sequence[Method]) -> None:

@@ -22,6 +22,8 @@ from reports.run import Story
 
 STRIP_WIDTH_PX = 384
 """Width of each picture of a story, pixels."""
+MOST = 8
+"""Number of captures of a run that are shown as pictures."""
 KEYS = ("pair", "view_deg", "picture", "film", "time_s")
 """Keys of a capture's `meta` that tell a reader where it is from."""
 
@@ -30,7 +32,7 @@ def worst_stories(
     records: pd.DataFrame,
     load: Callable[[Any], Captured | KnownWindow],
     folder: Path,
-    most: int,
+    most: int = MOST,
 ) -> list[Story]:
     """Draw the captures with most wrong bits of each method; where no bit is known, the first ones.
 
