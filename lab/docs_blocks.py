@@ -7,18 +7,12 @@ from typing import Any
 
 from lab.ablation import STUDY as ABLATION
 from lab.study import Results, Study, stored_results
+from reports.engine.conditions import SETTINGS
 from reports.render.tables import Table, TableCell, percent, share_interval, summary_table
 from reports.score.accuracy import read_scores
 
-HARDER = {
-    "kappa1": "κ 1, 45°",
-    "60deg": "κ 3, 60°",
-    "70deg": "κ 3, 70°",
-    "drift": "drift 10 %",
-    "shift": "shift 1 px (σ)",
-    "jpeg": "JPEG 70",
-}
-"""Conditions beyond the paper, by their names in the ablation, and what the table calls them."""
+HARDER = [name for name in SETTINGS if name != "paper"]
+"""Names of the ablation's conditions beyond the paper."""
 DECODER_ROWS = {"oorc": "oorc", "learned": "learned", "full": "untrained"}
 """Rows of the ablation that are decoders to use, and what the table calls them."""
 
@@ -38,13 +32,13 @@ def harder_table(docs: Path) -> str:
     """Show wrong bits beyond the paper's conditions, with their intervals, from the ablation."""
     entries = stored(ABLATION, docs).content.by_place
     rows: list[list[str | TableCell]] = []
-    for key, words in HARDER.items():
-        shown = [entries[row, key] for row in DECODER_ROWS]
+    for name in HARDER:
+        shown = [entries[row, name] for row in DECODER_ROWS]
         cells = [
             TableCell(percent(each.error), f"{100 * each.ci_low:.1f}–{100 * each.ci_high:.1f}")
             for each in shown
         ]
-        rows.append([words, *cells, f"{shown[0].bits:,}"])
+        rows.append([SETTINGS[name].words, *cells, f"{shown[0].bits:,}"])
     heads = ["bits wrong, % (95 % interval)", *DECODER_ROWS.values(), "of bits"]
     return Table(heads, rows).markdown()
 
