@@ -32,11 +32,11 @@ from models.phi.checkpoint import save_checkpoint, training_settings
 from models.phi.training import Start, check_rate
 from reports.captured.training_set import own_set, windows_of
 from reports.engine.backends import Backend, one_thread, run_tasks
+from reports.engine.checked import write_sealed
 from reports.engine.records import (
     to_line,
     to_records,
     write_lines,
-    write_predictions,
 )
 from reports.evaluation.trained import BEFORE, held_out_table, write_page
 from reports.films import film_cuts, film_settings
@@ -120,7 +120,7 @@ def train_films(config: FilmTrainConfig) -> None:
         save_checkpoint(folder, module.eval(), {"train --films": settings})
         parity = export_film(module, folder / "film.onnx")
         lines += decoded(module, test, "film")
-        write_predictions(folder / PREDICTIONS, lines)
+        write_sealed(folder / PREDICTIONS, lines)
         table = held_out_table(to_records(lines), "film")
         simulated = config.captures is None
         write_page(folder, to_records(lines), table, settings, config.seed, simulated=simulated)

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from link.images import write_image
-from reports.engine.records import to_records, write_predictions
+from reports.engine.checked import write_sealed
+from reports.engine.records import to_records
 from reports.run import (
     PREDICTIONS,
     RESPONSES,
@@ -34,11 +35,11 @@ def write_run(path: Path) -> None:
     run = RunFolder(path)
     run.claim({"seed": 0, "ratex": 5, "checkpoints": {"learned": "0123456789abcdef"}})
     main = [prediction(m, i) for m in ("naive", "oorc", "learned") for i in range(5)]
-    write_predictions(path / PREDICTIONS, main)
+    write_sealed(path / PREDICTIONS, main)
     run.write_comparison(to_records(main), META, "tables")
     conditions = ("kappa 1", "kappa 2", "jpeg 50")
     swept = [prediction(m, 0, condition) for condition in conditions for m in ("oorc", "learned")]
-    write_predictions(path / SWEPT, swept)
+    write_sealed(path / SWEPT, swept)
     write_image(path / "stories" / "a.jpg", np.zeros((20, 20, 3), np.uint8))
     shown = [("stories/a.jpg", "caption")]
     run.write(STORIES, [Story("oorc", "where", shown)])

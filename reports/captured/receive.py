@@ -139,7 +139,6 @@ class _Keeper:
     def __init__(self, decoder: WindowDecoder, fps: float, apart: bool) -> None:
         self._decoder, self._fps, self._apart = decoder, fps, apart
         self._last: set[int] = set()
-        self.times: dict[int, float] = {}
         self.now = 0.0
         self.cuts: list[Cut] = []
 

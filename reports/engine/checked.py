@@ -1,11 +1,12 @@
 """Content of stored files, checked against the types that their readers rely on.
 
-`write_json` stores results, and `checked` turns parsed JSON into dataclasses. `seal` and
+`write_json` stores results, and `checked` turns parsed JSON into dataclasses. `write_sealed` and
 `read_sealed` tell a stored line that is as it was written from one that is damaged.
 """
 
 import hashlib
 import json
+from collections.abc import Iterable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -78,18 +79,17 @@ def write_json(file: Path, content: dict[str, Any]) -> None:
 def seal(line: dict[str, Any]) -> str:
     """Turn a result into a line of JSON, with a digest of its content.
 
-    >>> unseal(json.loads(seal({"name": "one", "result": 1})))
-    {'name': 'one', 'result': 1}
+    >>> list(json.loads(seal({"name": "one", "result": 1})))
+    ['name', 'result', 'sha256']
     """
     return json.dumps({**line, DIGEST: _digest(line)}, allow_nan=False) + "\n"
 
 
-def unseal(line: Any) -> dict[str, Any] | None:
-    """Give back what was sealed; None where the line is not as `seal` wrote it."""
-    if not isinstance(line, dict):
-        return None
-    content = {key: value for key, value in line.items() if key != DIGEST}
-    return content if line.get(DIGEST) == _digest(content) else None
+def write_sealed(file: Path, lines: Iterable[dict[str, Any]]) -> None:
+    """Write lines with a digest in each, unless the file holds just these already."""
+    data = "".join(map(seal, lines)).encode()
+    if not (is_file(file) and file.read_bytes() == data):
+        write_bytes(file, data)
 
 
 def read_sealed(file: Path) -> list[dict[str, Any]]:
@@ -100,10 +100,12 @@ def read_sealed(file: Path) -> list[dict[str, Any]]:
     if not is_file(file):
         return []
     found = []
-    for line in read_bounded(file, MAX_LINES_BYTES).split(b"\n"):
+    for text in read_bounded(file, MAX_LINES_BYTES).split(b"\n"):
         with suppress(InputError):
-            found.append(unseal(parse_json(line, str(file))))
-    return [line for line in found if line is not None]
+            line = parse_json(text, str(file))
+            if isinstance(line, dict) and line.pop(DIGEST, None) == _digest(line):
+                found.append(line)
+    return found
 
 
 def _digest(line: dict[str, Any]) -> str:

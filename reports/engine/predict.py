@@ -28,6 +28,7 @@ from link.frames import Captured
 from link.images import write_bytes
 from link.layout import Layout
 from reports.engine.backends import Backend, one_thread
+from reports.engine.checked import write_sealed
 from reports.engine.digest import (
     code_digest,
     file_digest,
@@ -42,7 +43,6 @@ from reports.engine.records import (
     stored_predictions,
     to_line,
     to_records,
-    write_predictions,
 )
 from reports.engine.stored import resume
 
@@ -212,7 +212,7 @@ def predict(
         ]
         predictions = [found[key] for key in keys if key in found]
         if whole or not tasks:
-            write_predictions(file, predictions)
+            write_sealed(file, predictions)
         part.unlink()
     if failed and not whole:
         raise InputError(next(iter(failed.values())))

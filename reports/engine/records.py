@@ -19,9 +19,8 @@ from link.captures import KnownWindow
 from link.embed import MAX_KAPPA
 from link.errors import InputError
 from link.frames import Captured, SoftBits
-from link.images import write_bytes
-from link.outside import is_file, read_json_lines
-from reports.engine.checked import checked, read_sealed, seal
+from link.outside import read_json_lines
+from reports.engine.checked import checked, read_sealed
 
 CELL = ["pair", "view_deg", "kappa"]
 """Columns that name a cell of the comparison."""
@@ -127,13 +126,6 @@ def read_predictions(file: Path) -> pd.DataFrame:
     return to_records(
         vars(checked(Prediction, line, where)) for where, line in read_json_lines(file)
     )
-
-
-def write_predictions(file: Path, lines: Iterable[dict[str, Any]]) -> None:
-    """Write predictions with a digest in each line, unless the file holds just these already."""
-    data = "".join(map(seal, lines)).encode()
-    if not (is_file(file) and file.read_bytes() == data):
-        write_bytes(file, data)
 
 
 def stored_predictions(file: Path) -> list[dict[str, Any]]:

@@ -10,10 +10,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from link.files.lock import locked
-from link.images import write_bytes
-from link.outside import is_file
 from reports.engine.backends import Backend, Outcome, run_tasks
-from reports.engine.checked import read_sealed, seal
+from reports.engine.checked import read_sealed, seal, write_sealed
 
 T = TypeVar("T")
 
@@ -61,7 +59,5 @@ def _read(file: Path) -> dict[str, Any]:
     lines = [
         line for line in read_sealed(file) if isinstance(line.get("name"), str) and "result" in line
     ]
-    data = "".join(map(seal, lines)).encode()
-    if is_file(file) and file.read_bytes() != data:
-        write_bytes(file, data)
+    write_sealed(file, lines)
     return {line["name"]: line["result"] for line in lines}

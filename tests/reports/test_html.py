@@ -15,7 +15,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import evaluate
-from reports.engine.records import to_records, write_predictions
+from reports.engine.checked import write_sealed
+from reports.engine.records import to_records
 from reports.evaluation.html import render
 from reports.evaluation.page import SECTIONS, ranked_comparisons, write_report
 from reports.evaluation.settings import chosen_sweeps
@@ -254,7 +255,7 @@ def store(tmp_path: Path) -> Store:
         folder = RunFolder(tmp_path / name)
         decisive = {"seed": 0, "ratex": 5, **settings}
         folder.claim(decisive)
-        write_predictions(folder.path / PREDICTIONS, lines)
+        write_sealed(folder.path / PREDICTIONS, lines)
         folder.write_comparison(to_records(lines), META, "tables")
         folder.finish(META, {"decoding": 1.0}, [])
         return folder.path
