@@ -202,15 +202,11 @@ def run_study(study: Study[F, R], arguments: Sequence[str]) -> None:
 
 
 def flag_values(flags: StudyFlags) -> dict[str, Any]:
-    """Flags that decide the results, as JSON has them."""
-    values = {name: value for name, value in asdict(flags).items() if name in decisive(flags)}
+    """Flags that decide the results, as JSON has them: all but where and how these are made."""
+    left_out = ("jobs", "scheduler", "out", "keep")
+    values = {name: value for name, value in asdict(flags).items() if name not in left_out}
     plain: dict[str, Any] = json.loads(json.dumps(values, default=str))
     return plain
-
-
-def decisive(flags: StudyFlags) -> list[str]:
-    """Names of the flags that decide the results: all but where and how these are made."""
-    return [name for name in asdict(flags) if name not in ("jobs", "scheduler", "out", "keep")]
 
 
 def write_results(file: Path, results: Results[Any]) -> None:
