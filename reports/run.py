@@ -286,7 +286,7 @@ class RunFolder:
             )
         try:
             records = read_predictions(self.path / PREDICTIONS)
-            about = self._read("run.json", About)
+            about = checked(About, read_json(self.path / "run.json"), "run.json")
             run = Run(
                 folder=self.path,
                 about=about,
@@ -295,9 +295,9 @@ class RunFolder:
                 swept=read_predictions(self.path / SWEPT)
                 if is_file(self.path / SWEPT)
                 else records[:0],
-                stories=self._read_list(STORIES, Story),
-                responses=self._read_list(RESPONSES, Response),
-                films=self._read(FILMS, FilmEvidence) if is_file(self.path / FILMS) else None,
+                stories=self._read(STORIES, list[Story]) or [],
+                responses=self._read(RESPONSES, list[Response]) or [],
+                films=self._read(FILMS, FilmEvidence),
             )
             checked(Making, run.about.meta, "run.json, meta")
             checked(dict[str, str], run.about.settings.get("checkpoints", {}), "run.json, settings")
@@ -313,13 +313,10 @@ class RunFolder:
             ) from None
         return run
 
-    def _read_list(self, name: str, kind: type[T]) -> list[T]:
-        """Content of a file that holds a list; empty where there is no such file."""
-        return self._read(name, list[kind]) if is_file(self.path / name) else []  # type: ignore[valid-type]
-
-    def _read(self, name: str, kind: type[T]) -> T:
-        """Content of a file, checked against its type."""
-        return checked(kind, read_json(self.path / name), name)
+    def _read(self, name: str, kind: type[T]) -> T | None:
+        """Content of a file, checked against its type; None where there is no such file."""
+        file = self.path / name
+        return checked(kind, read_json(file), name) if is_file(file) else None
 
 
 def _plain(value: Any) -> Any:
