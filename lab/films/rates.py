@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from data_gen.channel.optics import check_view
 from data_gen.film.codec import CodecSettings, through_codec
-from data_gen.film.message import FilmSettings, MessageFilm, Take, film_message
+from data_gen.film.message import FilmSettings, Take, film_message
 from data_gen.film.phone import PhoneSettings
 from data_gen.pairs import PAIRS, pair_names
 from export.film_graph import FilmGraph
@@ -28,7 +28,6 @@ from lab.study import Results, Study, StudyFlags, Workshop
 from link.code.framing import frames_needed
 from link.errors import at_least, choose, each_once
 from models import FILM_GRAPH, shipped_graphs
-from receiver.decoders import PairDecoder, WindowDecoder
 from receiver.receiver import Receiver
 from reports.engine.backends import one_thread
 from reports.render.tables import Table, number, percent, share_interval
@@ -145,36 +144,17 @@ class RatesContent:
     """One entry for each setting and view."""
 
 
-def graph_of(take: Take) -> Path:
-    """Name the exported decoder that ships for what the display of a film shows."""
-    return shipped_graphs()[take.settings.layout]
-
-
 def deliver(take: Take) -> dict[str, Any]:
-    """Film until the message comes or the loops are over.
+    """Film until the message comes or the loops are over, and compare what is read with the truth.
 
     Returns:
         the fields of a `Delivery`.
     """
     one_thread()
-    decoder = Decoder(graph_of(take), 1, OWN_TIME_LIMIT_S)
-    return asdict(read_message(film_message(take), decoder, FilmGraph(FILM_GRAPH, 1)))
-
-
-def read_message(
-    filmed: MessageFilm, decoder: PairDecoder, film: WindowDecoder | None = None
-) -> Delivery:
-    """Give a film's frames to a receiver until it has the message, and say what became of it.
-
-    Args:
-        filmed: the film, whose frames are taken, and whose truth is compared with what is read.
-        decoder: decoder of the receiver.
-        film: film decoder of the receiver; None where it reads frame pairs alone.
-    """
-    take = filmed.take
-    fps, codec = take.settings.fps, take.settings.codec
-    receiver = Receiver(decoder, fps, film)
-    frames = through_codec(filmed.frames, codec, fps)
+    filmed, fps = film_message(take), take.settings.fps
+    decoder = Decoder(shipped_graphs()[take.settings.layout], 1, OWN_TIME_LIMIT_S)
+    receiver = Receiver(decoder, fps, FilmGraph(FILM_GRAPH, 1))
+    frames = through_codec(filmed.frames, take.settings.codec, fps)
     received: bytes | None = None
     wrong = decided = 0
     time = 0.0
@@ -189,16 +169,18 @@ def read_message(
         received = step.message.data if step.message is not None else None
         if frame is None:
             break
-    return Delivery(
-        pair=take.pair,
-        view_deg=take.view,
-        run=take.run,
-        picture=filmed.picture,
-        delivered=received == filmed.message,
-        wrong=received not in (None, filmed.message),
-        seconds=time,
-        bits=decided,
-        bits_wrong=wrong,
+    return asdict(
+        Delivery(
+            pair=take.pair,
+            view_deg=take.view,
+            run=take.run,
+            picture=filmed.picture,
+            delivered=received == filmed.message,
+            wrong=received not in (None, filmed.message),
+            seconds=time,
+            bits=decided,
+            bits_wrong=wrong,
+        )
     )
 
 
@@ -230,7 +212,7 @@ def deliveries(
         Take(settings, pair, view, run, flags.seed)
         for run, pair in product(range(flags.runs), pair_names(flags.pairs))
     ]
-    graphs = [graph_of(takes[0]), FILM_GRAPH]
+    graphs = [shipped_graphs()[settings.layout], FILM_GRAPH]
     found = workshop.each(deliver, {take.name: take for take in takes}, graphs)
     made = [Delivery(**run) for run in found.values()]
     return sorted(made, key=lambda run: (run.pair, run.run))
