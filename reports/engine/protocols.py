@@ -1,6 +1,7 @@
 """Rules for thresholds: learned in each frame pair, or fixed as in the paper."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from link.errors import choose
@@ -25,6 +26,8 @@ def apply_protocol(protocol: str, methods: Sequence[Method]) -> list[Method]:
 
     >>> apply_protocol("paper", [Method("naive"), Method("oorc")])[0].options
     (('threshold', 2.5),)
+    >>> apply_protocol("fair", [Method("phi", by_pairs=True)])[0].by_pairs
+    True
 
     Args:
         protocol: a key of `PROTOCOLS`.
@@ -35,6 +38,6 @@ def apply_protocol(protocol: str, methods: Sequence[Method]) -> list[Method]:
     """
     options = choose(PROTOCOLS, protocol, "protocol")
     return [
-        Method(m.name, m.options + tuple(sorted(options.get(m.name, {}).items())), m.label)
+        replace(m, options=m.options + tuple(sorted(options.get(m.name, {}).items())))
         for m in methods
     ]
