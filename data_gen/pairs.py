@@ -47,7 +47,7 @@ def _curve(x: tuple[float, ...], y: tuple[float, ...]) -> Curve:
 
 # white_level puts frontal white at 245 of 255 in the file, just below clipping, through each tone
 # curve [0.8 to 1.2 times]. color_matrix: printed by reports.lab.spectra (SPECTRA). Assumed: blur_px
-# [0.3 to 1; the more native pixels, the less], native_blur_px [0.5 to 1], sharpening [0 to 0.6],
+# [0.3 to 1; the more native pixels, the less], sharpening [0 to 0.6],
 # breathing [0 to 5e-4], jpeg_quality [85 to 97], shutter 1/60 s on the dial (1/64 by whole stops).
 CAMERAS = {
     "canon": Camera(
@@ -60,10 +60,7 @@ CAMERAS = {
             (0.0066, 0.0273, 0.0459, 0.2066, 0.4423, 0.6733),
             (0.0035, 0.0298, 0.0702, 0.5399, 0.8724, 0.9717),
         ),
-        encoding="srgb",
-        bayer=True,
         blur_px=0.5,
-        native_blur_px=0.7,
         native_width=4272,  # maker
         sharpening=0.4,
         vignetting=0.20,  # measured, EF-S 18-55 IS at 35 mm, f/5.6 (LENSFUN)
@@ -82,10 +79,7 @@ CAMERAS = {
             (0.0117, 0.1229, 0.1536, 0.2469, 0.4490, 0.6668),
             (0.0127, 0.2900, 0.3427, 0.5101, 0.7338, 0.8943),
         ),
-        encoding="srgb",
-        bayer=True,
         blur_px=0.6,
-        native_blur_px=0.7,
         native_width=3008,  # maker
         sharpening=0.3,
         vignetting=0.25,  # measured, AF-S DX 18-70 at 35 mm, f/5.6 (LENSFUN)
@@ -104,10 +98,7 @@ CAMERAS = {
             (0.0151, 0.0701, 0.1075, 0.1915, 0.2580, 0.3054, 0.3264, 0.4481, 0.5096, 0.6768),
             (0.0081, 0.0937, 0.1707, 0.3411, 0.4585, 0.5373, 0.5693, 0.7237, 0.7780, 0.8988),
         ),
-        encoding="srgb",
-        bayer=True,
         blur_px=0.4,
-        native_blur_px=0.7,
         native_width=5472,  # maker
         sharpening=0.5,
         vignetting=0.32,  # measured, 18.7 mm, f/4 (LENSFUN); camera may correct it [0.1 to 0.35]
@@ -122,14 +113,13 @@ CAMERAS = {
 # gamma: SPECTRA, log-log fit over the upper 80 % of levels of the stand-in [+-0.15]. Assumed:
 # edge_loss [0.05 to 0.2]; haze: 150 lux on a surface that scatters 1 to 3 % of it back, 0.5 to 1.5
 # cd/m^2 beside a white of 250 [0.002 to 0.01]; pwm_duty: near full brightness, as sold [0.5 to 1].
-# grid_contrast: RGB stripes of a third of a pixel, 2 sinc(1/3). falloff is replaced by the fitted.
+# falloff is replaced by the fitted.
 DISPLAYS = {
     "imac": Display(
         name="iMac 21.5-inch 2009",
         panel="IPS",  # maker, with white-LED backlight (everymac.com)
         gamma=(2.12, 2.09, 2.09),
         black=1 / 1000,  # assumed, usual for IPS of the time [1/1200 to 1/700]
-        clip=1.0,
         falloff=(2.2, 2.2, 2.3),  # assumed: half of white at 43 degrees [1.5 to 3.0]
         washout=0.12,  # assumed: IPS keeps its gamma best [0 to 0.25]
         washout_gamma=1.4,  # assumed [1.2 to 1.8]
@@ -140,7 +130,6 @@ DISPLAYS = {
         pwm_hz=400.0,  # assumed [200 to 1000]
         pwm_duty=0.95,
         pwm_depth=1.0,  # white LED (everymac.com)
-        grid_contrast=1.65,
         native_height=1080,  # maker
     ),
     "lg": Display(
@@ -148,7 +137,6 @@ DISPLAYS = {
         panel="IPS",  # assumed: LG Display's 32-inch 1366 x 768 panels of 2008 were S-IPS; maybe VA
         gamma=(2.31, 2.35, 2.38),
         black=1 / 800,  # assumed; LG's 32LG40 had 0.52 cd/m^2 (reviewed.com) [1/1200 to 1/500]
-        clip=1.0,
         falloff=(2.7, 2.7, 2.8),  # assumed: between iMac and Samsung, half at 39 deg [2.0 to 3.6]
         washout=0.25,  # assumed: between the two [0.1 to 0.5]
         washout_gamma=1.3,  # assumed [1.1 to 1.8]
@@ -159,7 +147,6 @@ DISPLAYS = {
         pwm_hz=150.0,  # assumed [100 to 250]
         pwm_duty=0.95,
         pwm_depth=0.3,  # assumed: fluorescent lamps glow on [0.1 to 0.6]
-        grid_contrast=1.65,
         native_height=768,  # datasheet of LG Display's LC320WXN
     ),
     "samsung": Display(
@@ -178,7 +165,6 @@ DISPLAYS = {
         pwm_hz=180.0,  # reported of a 24-inch Samsung TN; the source was not kept
         pwm_duty=0.95,
         pwm_depth=0.3,  # assumed: fluorescent lamps glow on [0.1 to 0.6]
-        grid_contrast=1.65,
         native_height=1080,  # maker: 1920 x 1080
     ),
 }

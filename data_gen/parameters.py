@@ -130,7 +130,7 @@ def _flat(value: Any) -> list[float]:
     return [v for part in value for v in _flat(part)] if isinstance(value, Sequence) else [value]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Display(Limited):
     """How a display turns a value rho into light, by angle theta from its normal (Eq. emitted)."""
 
@@ -142,7 +142,7 @@ class Display(Limited):
     """Exponents of R, G and B; frontal light is (rho / 255) ** gamma."""
     black: Annotated[float, Limits(0.0, 0.1)]
     """Luminance of black relative to white, seen frontally: 1 / contrast."""
-    clip: Annotated[float, Limits(0.5, 1.0)]
+    clip: Annotated[float, Limits(0.5, 1.0)] = 1.0
     """Fraction of 255 from which light no longer rises; 1 for a display that does not clip."""
     falloff: Annotated[RGB, Limits(0.0, 8.0)]
     """Exponents of R, G and B by which white darkens with the angle, as cos(theta) ** falloff."""
@@ -164,8 +164,9 @@ class Display(Limited):
     """Share of each period that the backlight is on."""
     pwm_depth: Annotated[float, Limits(0.0, 1.0)]
     """Modulation of the light: 1 for an LED that goes dark, less for a lamp that glows on."""
-    grid_contrast: Annotated[float, Limits(0.0, 2.0)]
-    """Amplitude over mean of the stripes' fundamental; 2 sinc(1/3) = 1.65 for RGB stripes."""
+    grid_contrast: Annotated[float, Limits(0.0, 2.0)] = 1.65
+    """Amplitude over mean of the stripes' fundamental. RGB stripes of a third of a pixel each,
+    which are assumed of every display, have 2 sinc(1/3)."""
     native_height: Annotated[int, Limits(100, 10_000)]
     """Number of rows of the panel; the picture is shown over all of them."""
     white_cd: Annotated[float, Limits(1.0, 1e4)] = 250.0
@@ -197,7 +198,7 @@ class Display(Limited):
             check_curve(self.light_curve, f"{self.name}: light_curve")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Camera(Limited):
     """How a camera turns light into the pixels of a file (Eq. camerapixel and the response f)."""
 
@@ -214,15 +215,15 @@ class Camera(Limited):
     tone_curve: Curve
     """Nodes (in, out) of the response before its transfer function, linear light to linear light;
     a monotone cubic spline joins them."""
-    encoding: str
+    encoding: str = "srgb"
     """Transfer function after the tone curve: "srgb" or "linear"."""
-    bayer: bool
+    bayer: bool = True
     """Whether a mosaic (RGGB) samples one colour a pixel."""
     blur_px: Annotated[float, Limits(0.0, 10.0)]
     """Standard deviation of the blur of lens and anti-alias filter, captured pixels."""
-    native_blur_px: Annotated[float, Limits(0.0, 10.0)]
+    native_blur_px: Annotated[float, Limits(0.0, 10.0)] = 0.7
     """Standard deviation of the blur of lens and anti-alias filter, native pixels of the sensor;
-    moire arises there."""
+    moire arises there. The usual one is assumed [0.5 to 1]."""
     native_width: Annotated[int, Limits(100, 100_000)]
     """Number of columns of the sensor; the simulated capture is its image reduced."""
     sharpening: Annotated[float, Limits(0.0, 3.0)]

@@ -41,7 +41,7 @@ IMX708_COLOURS: Matrix = (
 """Matrix from raw to linear sRGB of small sensors (IMX708)."""
 
 # white_level is derived: 0.65 L t / N^2 * S / 78 (`data_gen.film.exposure`) with L = 300 cd/m^2 and
-# the shutter and ISO given here. Assumed: blur_px [0.3 to 1], native_blur_px [0.5 to 1], sharpening
+# the shutter and ISO given here. Assumed: blur_px [0.3 to 1], sharpening
 # [0.1 to 1], breathing [0 to 5e-4], jpeg_quality [85 to 97; MJPEG 60 to 92].
 CAMERAS = {
     "phone": Camera(
@@ -51,10 +51,7 @@ CAMERAS = {
         white_level=0.64,
         color_matrix=((1.402, -0.361, -0.041), (-0.167, 1.392, -0.225), (0.020, -0.652, 1.632)),
         tone_curve=IMX708_CURVE,
-        encoding="srgb",
-        bayer=True,
         blur_px=0.45,
-        native_blur_px=0.7,
         native_width=4032,  # code (IPHONE11) [4000 to 4080]
         sharpening=0.4,
         vignetting=0.20,  # derived: IMX708 leaves 0.31 of its 0.62; assumed less [0.03 to 0.35]
@@ -75,10 +72,7 @@ CAMERAS = {
         white_level=0.86,
         color_matrix=IMX708_COLOURS,
         tone_curve=IMX708_CURVE,
-        encoding="srgb",
-        bayer=True,
         blur_px=0.8,
-        native_blur_px=0.7,
         native_width=1920,  # maker*, Logitech C920
         sharpening=0.6,
         vignetting=0.25,  # assumed [0.05 to 0.45]
@@ -99,10 +93,7 @@ CAMERAS = {
         white_level=0.53,
         color_matrix=IMX708_COLOURS,
         tone_curve=IMX708_CURVE,
-        encoding="srgb",
-        bayer=True,
         blur_px=0.5,
-        native_blur_px=0.7,
         native_width=3840,  # maker*, video of 4K
         sharpening=0.7,
         vignetting=0.25,  # assumed [0.1 to 0.5]
@@ -124,7 +115,6 @@ LAPTOP = Display(
     panel="IPS",
     gamma=(2.2, 2.2, 2.2),  # assumed, sRGB [2.0 to 2.4]
     black=1 / 1300,  # measured, 1540 and 1700 to 1 (LAPTOPMEDIA) [1000 to 1700]
-    clip=1.0,
     falloff=(3.5, 3.5, 3.6),  # assumed: 0.6 at 30 degrees [1.6 to 5.6; 5.6 is DISPLAYMATE's LCD]
     washout=0.15,  # assumed [0 to 0.3]
     washout_gamma=1.4,  # assumed [1.2 to 1.8]
@@ -135,11 +125,8 @@ LAPTOP = Display(
     pwm_hz=1000.0,  # none or far above 1 kHz (NOTEBOOKCHECK has 117 kHz; few have 200 Hz)
     pwm_duty=1.0,
     pwm_depth=0.0,
-    grid_contrast=1.65,
     native_height=1080,
     white_cd=300.0,  # measured, 367 and 395 (LAPTOPMEDIA) [245 to 400]
-    refresh_hz=60.0,
-    scan="down",
     # derived from PRAD: from 10 to 90 % in 10.8 ms at best and 16.4 ms in the mean over levels, the
     # slowest 2.5 times the fastest, among dark grays; a time constant is 1 / 2.2 of it
     rise_s=(0.012, 0.0085, 0.006),
@@ -151,7 +138,6 @@ OLED = Display(
     panel="OLED",
     gamma=(2.2, 2.2, 2.2),  # assumed [2.0 to 2.4]
     black=0.0,
-    clip=1.0,
     falloff=(1.7, 1.7, 1.9),  # 0.78 at 30 degrees (DISPLAYMATE, iPhone X) [1.1 to 2.5]
     washout=0.0,
     washout_gamma=1.4,
@@ -162,10 +148,8 @@ OLED = Display(
     pwm_hz=240.0,  # measured, Galaxy S8+ (XDA forum) [240 to 480]
     pwm_duty=0.8,  # measured, iPhone 16e, most levels (ledstrain.org) [0.5 to 0.9; 0.1 when dark]
     pwm_depth=1.0,  # assumed [0.3 to 1]
-    grid_contrast=1.65,  # assumed: stripes
     native_height=1080,
     white_cd=400.0,  # assumed, indoors [200 to 800]
-    refresh_hz=60.0,
     scan="right",  # a phone writes from its short upper edge; it lies on its side
     rise_s=(0.0005, 0.0003, 0.0003),  # assumed [0.1 to 2 ms from 10 to 90 %]
     fall_s=(0.0003, 0.0003, 0.0003),
@@ -187,7 +171,6 @@ DISPLAYS = {
         panel="VA",
         gamma=(2.3, 2.3, 2.3),  # assumed [2.0 to 2.5]
         black=1 / 4000,  # assumed [2500, measured on a VX3276 (PRAD), to 6500]
-        clip=1.0,
         falloff=(3.5, 3.5, 3.6),  # assumed: half at 35 degrees [2.0 to 5.6]
         washout=0.5,  # assumed: colours wash out from 22 degrees on [0.3 to 0.9]
         washout_gamma=1.3,  # assumed [1.0 to 1.8]
@@ -198,11 +181,8 @@ DISPLAYS = {
         pwm_hz=240.0,  # assumed [100 to 960]
         pwm_duty=0.7,  # assumed: most sets pulse to darkness below full brightness [0.5 to 1]
         pwm_depth=1.0,
-        grid_contrast=1.65,
         native_height=2160,
         white_cd=350.0,  # assumed [200 to 600]
-        refresh_hz=60.0,
-        scan="down",
         # assumed, with overdrive, from 10 to 90 %: out of black 30 ms [15 to 60], among grays 20
         # [8 to 40; PRAD's VX3218 has 36.5 in the mean], to black 9 [4 to 15]
         rise_s=(0.0136, 0.0091, 0.0045),
