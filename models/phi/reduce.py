@@ -15,28 +15,20 @@ WEIGHT_PARTS = 100
 class Reduce(nn.Module):
     """Weighted sums of R, G and B, averaged over squares of ``k`` x ``k`` pixels.
 
-    Negative weights are made up for by an offset, so that no intensity falls below 0.
-
     Args:
-        weights: weights of R, G and B for each of C intensities; their absolute values sum to 1.
+        weights: weights of R, G and B for each of C intensities, at least 0; they sum to 1.
         k: side of the square over which pixels are averaged, in pixels.
     """
 
     weights: Tensor
-    offset: Tensor
 
     def __init__(self, weights: Sequence[Sequence[float]], k: int) -> None:
         super().__init__()
-        self.k, self.n_intensities = k, len(weights)
+        self.k = k
         parts = (WEIGHT_PARTS * torch.tensor(weights, dtype=torch.float64)).float()
-        self.signed = bool((parts < 0).any())
-        if self.signed:
-            parts = torch.cat([parts.clamp_min(0), (-parts).clamp_min(0)])
         kernel = parts.reshape(-1, 3, 1, 1).expand(-1, 3, k, k).contiguous()
         self.whole = bool(torch.equal(kernel, kernel.round()))
         self.register_buffer("weights", kernel, persistent=False)
-        offset = parts[self.n_intensities :].sum(1) / WEIGHT_PARTS
-        self.register_buffer("offset", offset.reshape(-1, 1, 1), persistent=False)
 
     def forward(self, frame: Tensor) -> Tensor:
         """Reduce a batch of frames.
@@ -48,7 +40,4 @@ class Reduce(nn.Module):
             (B, C, H // k, W // k) float32 in [0, 1], encoded.
         """
         total = sum_pixels(frame, self.weights, self.k, self.whole)
-        if self.signed:
-            total = total[:, : self.n_intensities] - total[:, self.n_intensities :]
-        intensity = total / (255 * WEIGHT_PARTS * self.k**2)
-        return intensity + self.offset if self.signed else intensity
+        return total / (255 * WEIGHT_PARTS * self.k**2)
