@@ -4,69 +4,18 @@ Coarse and fine grids are framed in different ways, and the number of message bl
 in which (`link.code.framing`). So there is a collector for each.
 """
 
-from typing import Protocol
-
-import numpy as np
-from numpy.typing import NDArray
-
 from link.code.collect_coarse import CoarseCollector
 from link.code.collect_fine import FineCollector
 from link.code.framing import is_fine
 from link.code.message import MAX_SCORE as MAX_SCORE
 from link.code.message import Message as Message
 
+Collector = CoarseCollector | FineCollector
+"""Collects frames until the message is whole, and then until another one is.
 
-class Collector(Protocol):
-    """Collects frames until the message is whole, and then until another one is.
-
-    A message is returned once. It is returned again only after another one was.
-    """
-
-    @property
-    def progress(self) -> float:
-        """Information received, as a share of what is needed: about 1 when the message is whole.
-
-        It is 1 while the display goes on showing a message that was returned.
-        """
-        ...
-
-    @property
-    def decoding(self) -> bool:
-        """Whether decoding is under way, which `go_on` goes on with."""
-        ...
-
-    def start_run(self) -> None:
-        """Say that the next frame's distance to the earlier ones is not known."""
-        ...
-
-    def add(self, scores: NDArray[np.float64], count: int, work: float = np.inf) -> Message | None:
-        """Add one frame, and try to decode.
-
-        Args:
-            scores: (n_bits,) log-likelihood ratios, positive for 1; 0 for an erasure.
-            count: number of the frame on the display, from any start; rising within a run.
-            work: units of work after which decoding is left to `go_on`.
-
-        Returns:
-            the message where it is whole now and not the one that was returned last, else None.
-        """
-        ...
-
-    def go_on(self, work: float = np.inf) -> Message | None:
-        """Go on with decoding that is under way.
-
-        Decoding a long message takes as long as several camera frames, so it may be done in steps.
-        It goes on with what was collected when it began. Coarse grids decode at once, and have
-        nothing to go on with.
-
-        Args:
-            work: units of work (`link.code.rateless.GRAPH_WORK`) after which no further step is
-                taken; without it, decoding goes on until it ends.
-
-        Returns:
-            the message where it is whole now and not the one that was returned last, else None.
-        """
-        ...
+A message is returned once. It is returned again only after another one was. Both have the same
+methods, which `FineCollector` explains.
+"""
 
 
 def make_collector(n_bits: int) -> Collector:

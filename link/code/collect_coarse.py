@@ -148,7 +148,11 @@ class DeliveredMessage:
 
 
 class CoarseCollector:
-    """Collects frames of coarse grids; arguments and methods are those of `Collector`."""
+    """Collects frames of coarse grids (`link.code.collect.Collector`).
+
+    Its arguments, methods and attribute ``progress`` are those of
+    `link.code.collect_fine.FineCollector`.
+    """
 
     def __init__(self, n_bits: int) -> None:
         check_bits(n_bits)
@@ -172,7 +176,7 @@ class CoarseCollector:
         self._trust: list[float] = []
 
     def add(self, scores: NDArray[np.float64], count: int, work: float = np.inf) -> Message | None:
-        """Add one frame, and decode at once whatever ``work``; `Collector.add` says the rest."""
+        """Add one frame, and decode at once whatever ``work``; `FineCollector.add` says more."""
         scores = cut_scores(scores)
         words = word_likelihoods(scores[:SIGNATURE])
         if self._place is not None and self._lost(words, count):

@@ -121,7 +121,15 @@ class WaitingFrame:
 
 
 class FineCollector:
-    """Collects frames of fine grids; arguments and methods are those of `Collector`."""
+    """Collects frames of fine grids (`link.code.collect.Collector`).
+
+    Its attribute ``progress`` is the information received, as a share of what is needed: about 1
+    when the message is whole. It is 1 while the display goes on showing a message that was
+    returned.
+
+    Args:
+        n_bits: message blocks of a frame.
+    """
 
     def __init__(self, n_bits: int) -> None:
         self.n_bits = n_bits
@@ -147,7 +155,16 @@ class FineCollector:
         self._waiting: list[WaitingFrame] = []
 
     def add(self, scores: NDArray[np.floating], count: int, work: float = np.inf) -> Message | None:
-        """Add one frame, and try to decode; `Collector.add` says the rest."""
+        """Add one frame, and try to decode.
+
+        Args:
+            scores: (n_bits,) log-likelihood ratios, positive for 1; 0 for an erasure.
+            count: number of the frame on the display, from any start; rising within a run.
+            work: units of work after which decoding is left to `go_on`.
+
+        Returns:
+            the message where it is whole now and not the one that was returned last, else None.
+        """
         self._take(scores, count)
         return self.go_on(work)
 
@@ -257,7 +274,18 @@ class FineCollector:
         self._due = self._due or self._loop.worth_decoding()
 
     def go_on(self, work: float = np.inf) -> Message | None:
-        """Go on with decoding; `Collector.go_on` says the rest."""
+        """Go on with decoding that is under way.
+
+        Decoding a long message takes as long as several camera frames, so it may be done in steps.
+        It goes on with what was collected when it began.
+
+        Args:
+            work: units of work (`link.code.rateless.GRAPH_WORK`) after which no further step is
+                taken; without it, decoding goes on until it ends.
+
+        Returns:
+            the message where it is whole now and not the one that was returned last, else None.
+        """
         spent = 0
         while True:
             if self._attempt is None:
