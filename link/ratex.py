@@ -128,29 +128,22 @@ def draw_patches(frame: Image, layout: Layout, kappa: int, *, embedded: bool) ->
         frame[top:bottom, left:right] = patch if frame.ndim == 2 else patch[:, :, None]
 
 
-@dataclass(frozen=True)
-class SampleGrid:
-    """Training samples independent of the frame's size: tiles, and steps inside each tile."""
+def sample_grid(layout: Layout) -> NDArray[np.intp]:
+    """List the training samples of all patches, tile by tile, in the inner half of each tile.
 
-    tile_y: NDArray[np.intp]
-    """(N,) tile row, counted over the whole frame."""
-    tile_x: NDArray[np.intp]
-    """(N,) tile column, counted over the whole frame."""
-    step_y: NDArray[np.intp]
-    """(N,) position in the tile from its top, in parts of which a tile has `STEPS`."""
-    step_x: NDArray[np.intp]
-    """(N,) position in the tile from its left, in parts of which a tile has `STEPS`."""
+    Where they lie is independent of the frame's size: in tiles, and in steps inside each tile.
 
-
-def sample_grid(layout: Layout) -> SampleGrid:
-    """List the training samples of all patches, tile by tile, in the inner half of each tile."""
+    Returns:
+        (4, N): tile row and tile column, counted over the whole frame, and position in the tile
+        from its top and from its left, in parts of which a tile has `STEPS`.
+    """
     cells = np.array(layout.ratex, np.intp).reshape(-1, 2)
     tiles, steps = np.arange(TILES), 2 * np.arange(SAMPLES) + SAMPLES + 1
     shape = (len(cells), TILES, TILES, SAMPLES, SAMPLES)
     tile_y = TILES * cells[:, 0, None, None, None, None] + tiles[:, None, None, None]
     tile_x = TILES * cells[:, 1, None, None, None, None] + tiles[:, None, None]
     parts = (tile_y, tile_x, steps[:, None], steps)
-    return SampleGrid(*(np.broadcast_to(part, shape).reshape(-1) for part in parts))  # -> (N,)
+    return np.stack([np.broadcast_to(part, shape).reshape(-1) for part in parts])  # -> (4, N)
 
 
 def sample_position(tile: T, step: T, tiles: T | int, length: T | int) -> T:
@@ -180,11 +173,11 @@ def training_pixels(layout: Layout, kappa: int = 0) -> TrainingPixels:
         layout: layout with at least one patch; without one the arrays are empty.
         kappa: gray levels that the ratex patches toggle by; they enter the displayed intensities.
     """
-    grid = sample_grid(layout)
+    tile_y, tile_x, step_y, step_x = sample_grid(layout)
     per_tile = SAMPLES * SAMPLES
     return TrainingPixels(
-        y=sample_position(grid.tile_y, grid.step_y, layout.rows * TILES, layout.height),
-        x=sample_position(grid.tile_x, grid.step_x, layout.cols * TILES, layout.width),
+        y=sample_position(tile_y, step_y, layout.rows * TILES, layout.height),
+        x=sample_position(tile_x, step_x, layout.cols * TILES, layout.width),
         rho=np.repeat(shown_levels(layout, kappa, embedded=False).reshape(-1), per_tile).astype(
             np.float64
         ),

@@ -84,10 +84,10 @@ class PhiDecoder(nn.Module):
         """Tabulate where training samples and message blocks lie, and the labels of the former."""
         layout = self.layout
         grid = sample_grid(layout)
-        self.tile = table(np.stack([grid.tile_y, grid.tile_x]).astype(np.float64))
-        self.step = table(np.stack([grid.step_y, grid.step_x]).astype(np.float64))
-        rows, row = np.unique(grid.tile_y[:: SAMPLES * SAMPLES], return_inverse=True)
-        cols, col = np.unique(grid.tile_x[:: SAMPLES * SAMPLES], return_inverse=True)
+        self.tile = table(grid[:2].astype(np.float64))
+        self.step = table(grid[2:].astype(np.float64))
+        rows, row = np.unique(grid[0, :: SAMPLES * SAMPLES], return_inverse=True)
+        cols, col = np.unique(grid[1, :: SAMPLES * SAMPLES], return_inverse=True)
         self.tile_rows, self.tile_cols = table(rows), table(cols)
         self.tile_index = table(len(cols) * row + col)
         self.rows, self.cols = table(np.arange(layout.rows)), table(np.arange(layout.cols))
