@@ -6,7 +6,6 @@ squeezed to make room for kappa, and ratex patches, which lie in the picture's p
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,50 +21,38 @@ each row and column is taken, or every fifth and so on; an odd step meets all of
 """
 
 
-@dataclass(frozen=True)
-class Likeness:
-    """A loop's first frame pairs and their mean over time, to be compared with the picture."""
+def likeness_of(loop: Loop) -> dict[str, float | None]:
+    """Compare a loop's first frame pairs, and their mean over time, with its first picture.
 
-    picture: NDArray[np.uint8]
-    """(height, width, 3) the loop's first picture as it lies on the grid, encoded RGB."""
-    time_mean: NDArray[np.float32]
-    """(height, width, 3) mean, in gray levels of [0, 255], of the states that show this picture."""
-    pairs: list[tuple[float, float]]
-    """PSNR in decibels and SSIM of each frame pair, embedded against original."""
+    Returns:
+        PSNR in decibels, None where nothing changes, and SSIM, of embedded against original frames
+        in the mean of the pairs, and `colour_difference`; rounded.
 
-    @classmethod
-    def of(cls, loop: Loop) -> "Likeness":
-        """Look at a loop's first frame pairs.
-
-        Raises:
-            InputError: as `link.loop.Loop.carriers` does.
-        """
-        pairs: list[tuple[float, float]] = []
-        states = 0
-        for carrier in loop.carriers():
-            pair = carrier.displayed()
-            if not pairs:
-                picture, total = carrier.picture, np.zeros(carrier.picture.shape, np.float32)
-            pairs.append((psnr(pair.original, pair.embedded), ssim(pair.original, pair.embedded)))
-            if np.array_equal(carrier.picture, picture):
-                total += pair.original
-                total += pair.embedded
-                states += 2
-            if len(pairs) % 2 == 0 and len(pairs) * picture[..., 0].size >= MEASURED_PIXELS:
-                break
-        return cls(picture, total / np.float32(states), pairs)
-
-    def report(self) -> dict[str, float | None]:
-        """Say PSNR in decibels, None where nothing changes, SSIM, and `colour_difference`."""
-        decibels, similarity = np.transpose(self.pairs)
-        noise = float(np.mean(10 ** (-decibels / 10)))
-        mean, high = colour_difference(self.time_mean, self.picture)
-        return {
-            "psnr_db": round(-10 * math.log10(noise), 2) if noise > 0 else None,
-            "ssim": round(float(similarity.mean()), 4),
-            "delta_e_mean": round(mean, 2),
-            "delta_e_95": round(high, 2),
-        }
+    Raises:
+        InputError: as `link.loop.Loop.carriers` does.
+    """
+    pairs: list[tuple[float, float]] = []
+    states = 0
+    for carrier in loop.carriers():
+        pair = carrier.displayed()
+        if not pairs:
+            picture, total = carrier.picture, np.zeros(carrier.picture.shape, np.float32)
+        pairs.append((psnr(pair.original, pair.embedded), ssim(pair.original, pair.embedded)))
+        if np.array_equal(carrier.picture, picture):
+            total += pair.original
+            total += pair.embedded
+            states += 2
+        if len(pairs) % 2 == 0 and len(pairs) * picture[..., 0].size >= MEASURED_PIXELS:
+            break
+    decibels, similarity = np.transpose(pairs)
+    noise = float(np.mean(10 ** (-decibels / 10)))
+    mean, high = colour_difference(total / np.float32(states), picture)
+    return {
+        "psnr_db": round(-10 * math.log10(noise), 2) if noise > 0 else None,
+        "ssim": round(float(similarity.mean()), 4),
+        "delta_e_mean": round(mean, 2),
+        "delta_e_95": round(high, 2),
+    }
 
 
 def colour_difference(

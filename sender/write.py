@@ -13,7 +13,7 @@ from link.images import MAX_NAME_BYTES, write_bytes, write_image
 from link.images.video import write_video
 from link.loop import Loop
 from link.types import Image
-from sender.likeness import Likeness
+from sender.likeness import likeness_of
 from sender.player import PLAYED, with_bar, write_film_player, write_player
 from sender.sound import add_sound
 
@@ -81,7 +81,7 @@ def write_loop(
 
     Returns:
         counts, seconds and bit/s (`link.loop.Loop.report`), how much the picture changes
-        (`Likeness.report`), and ``more``.
+        (`sender.likeness.likeness_of`), and ``more``.
 
     Raises:
         InputError: a picture or the output is no good, or something but an empty folder is there
@@ -95,7 +95,7 @@ def write_loop(
     with locked(out.parent, out.name):
         if out.exists() and not (kind == "" and out.is_dir() and not any(out.iterdir())):
             raise ParameterError("out", f"{out} is already there; remove it or choose another name")
-        likeness = Likeness.of(loop).report()
+        likeness = likeness_of(loop)
         states = with_bar(loop.states(), 2 * len(loop.bits), "state")
         if kind == ".html" and film is not None and film.suffix.lower() in PLAYED:
             write_film_player(out, loop, film, state_hz, flickers)
