@@ -5,7 +5,8 @@ The stages, in the order in which light meets them:
 1. the display emits light, and its surface adds room light (`Viewpoint.emitted`);
 2. perspective, lens blur, and the mixture of what was shown while the shutter was open;
 3. the sensor's colour channels collect it (`camera.collect`: crosstalk and white level);
-4. the backlight's bands, moire, vignetting and exposure are factors on it (`Shot.gains`);
+4. the backlight's bands, moire, vignetting and exposure are factors on it (`Shot.display_gains`,
+   `Shot.image_gains`);
 5. the sensor saturates, and noise, mosaic and image processing follow (`camera.develop`).
 
 A `Viewpoint` holds what all exposures of one camera share, a `Shot` is one of them. Frame pairs,
@@ -142,20 +143,6 @@ class Viewpoint:
 
 
 @dataclass(frozen=True, eq=False)
-class Gains:
-    """Factors on the light that the sensor collects in one exposure."""
-
-    display: tuple[Light, ...]
-    """Factors on the display's light alone, each broadcastable to (h, w, 3) of its region."""
-    image: tuple[Light, ...]
-    """Factors on all light that reaches the sensor, each broadcastable to (H, W, 3)."""
-
-    def product(self) -> Light:
-        """Return the product of all factors, multiplied from the smallest array to the largest."""
-        return reduce(np.multiply, sorted((*self.image, *self.display), key=np.size))
-
-
-@dataclass(frozen=True, eq=False)
 class Shot:
     """One exposure of a viewpoint: its geometry, and how long and when the shutter was open.
 
@@ -195,8 +182,19 @@ class Shot:
         return int(left), int(top), int(right), int(bottom)
 
     @cached_property
-    def gains(self) -> Gains:
-        """Every factor on the collected light: backlight, moire, vignetting and exposure."""
+    def image_gains(self) -> tuple[Light, ...]:
+        """Factors on all light that reaches the sensor: vignetting and exposure.
+
+        Each is broadcastable to (H, W, 3).
+        """
+        return self.viewpoint.lens, np.asarray(self.exposure, np.float32)
+
+    @cached_property
+    def display_gains(self) -> tuple[Light, ...]:
+        """Factors on the display's light alone: backlight and moire.
+
+        Each is broadcastable to (h, w, 3) of the region.
+        """
         view, pair = self.viewpoint, self.viewpoint.pair
         width, height = view.size
         left, top, right, bottom = self.region
@@ -208,7 +206,7 @@ class Shot:
         if pair.display.grid_contrast > 0 and min(size) > 0:
             H = self.H_captured_from_display
             display.append(moire_gain(pair, view.layout, H, size, (left, top), width))
-        return Gains(tuple(display), (view.lens, np.asarray(self.exposure, np.float32)))
+        return tuple(display)
 
     def expose(self, frame: Image) -> Light:
         """Return what the sensor collects of a displayed frame, before noise.
@@ -242,7 +240,7 @@ class Shot:
             left, top, right, bottom = self.region
             if right > left and bottom > top:
                 self._lay_display(exposure[top:bottom, left:right], light)
-            for gain in self.gains.image:
+            for gain in self.image_gains:
                 exposure *= gain
         return np.asarray(np.minimum(exposure, 1.0, out=exposure), np.float32)
 
@@ -260,15 +258,18 @@ class Shot:
 
     @cached_property
     def _whole_gain(self) -> Light:
-        """Product of all gains where the dark beside the display shares those of its light."""
-        return self.gains.product()
+        """Product of all gains where the dark beside the display shares those of its light.
+
+        They are multiplied from the smallest array to the largest.
+        """
+        return reduce(np.multiply, sorted((*self.image_gains, *self.display_gains), key=np.size))
 
     def _lay_display(self, part: Light, light: Light) -> None:
         """Put the display into its region of the surroundings, in place."""
         camera, crosstalk = self.viewpoint.pair.camera, self.viewpoint.pair.crosstalk
         cover = self._project(np.ones(light.shape[:2], np.float32))
         shown = collect(self._project(light), camera, crosstalk)
-        for gain in self.gains.display:
+        for gain in self.display_gains:
             shown *= gain
         part *= repeat_channels(1 - cover)
         part += shown
