@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from data_gen.channel.composition import Shot
 from data_gen.channel.stills import capture_through, draw_shots
@@ -156,16 +155,12 @@ class FramePair:
     def displayed(self) -> Displayed:
         """Both frames as the display shows them; where it is upright, they lie as the grid does."""
         drawn = self._generators()[0].integers(0, 2, self.layout.n_bits)
-        return self.displayed_with(drawn if self.message is None else np.array(self.message))
-
-    def displayed_with(self, bits: NDArray[np.intp]) -> Displayed:
-        """Return both frames with other bits, (n_bits,) 0 or 1, in place of the pair's own."""
         source, placement = self.source, self.source.placement
         picture = placement.grid_frame(self.picture.rgb, self.layout)
         layout = placement.layout(self.layout)
         return embed(
             equalise(picture) if self.equalised else picture,
-            bits,
+            drawn if self.message is None else np.array(self.message),
             layout,
             self.cell.kappa,
             source.ratex_kappa,
@@ -185,7 +180,7 @@ class FramePair:
             source.placement.display_frame(frame, self.layout)
             for frame in (shown.original, shown.embedded)
         )
-        shown = replace(shown, original=original, embedded=embedded, layout=self._display_layout)
+        shown = replace(shown, original=original, embedded=embedded, layout=source.display_layout)
         captured = capture_through(shots, shown, self.cell.view_deg, rng)
         corners = captured.corners
         if source.placement.turns(self.layout):  # the grid lies where the picture stands
@@ -219,13 +214,9 @@ class FramePair:
     @cached_property
     def _channel(self) -> tuple[tuple[Shot, Shot], np.random.Generator]:
         """The shots, and the generator that drew them, which ``captured`` alone goes on to use."""
-        rng = self.channel_rng()
-        pair = self.source.pair(self.cell.pair)
-        return draw_shots(self._display_layout, pair, self.cell.view_deg, rng), rng
-
-    @property
-    def _display_layout(self) -> Layout:
-        return self.layout.resized(*self.source.shown_size)
+        rng, source = self.channel_rng(), self.source
+        pair = source.pair(self.cell.pair)
+        return draw_shots(source.display_layout, pair, self.cell.view_deg, rng), rng
 
     def _generators(self) -> tuple[np.random.Generator, np.random.Generator]:
         """Return new generators of the message and of the channel."""
