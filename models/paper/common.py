@@ -5,7 +5,6 @@ ratex pixels or pilots and scores the message pixels of the same frame pair.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,17 +64,7 @@ def training_samples(pair: Observation, maps: Real) -> tuple[Real, NDArray[np.in
     return means.reshape(len(means), -1).T[layout.pilot_blocks], layout.pilot_bits
 
 
-@dataclass(frozen=True)
-class LinearHead:
-    """A linear SVM, which scores a sample by weights . u + bias."""
-
-    weights: NDArray[np.float64]
-    """(D,) weights of the features as they are, not standardised."""
-    bias: float
-    """Score of a sample whose features are all 0."""
-
-
-def fit_svm(features: Real, labels: NDArray[np.intp], C: float) -> LinearHead:
+def fit_svm(features: Real, labels: NDArray[np.intp], C: float) -> NDArray[np.float64]:
     """Fit a linear SVM to features that are first scaled to a root mean square of 1.
 
     It minimises 1/2 |w|^2 + 1/2 b^2 + C sum max(0, 1 - y (w.u + b))^2.
@@ -84,11 +73,14 @@ def fit_svm(features: Real, labels: NDArray[np.intp], C: float) -> LinearHead:
         features: (N, D) features.
         labels: (N,) bits, 0 or 1.
         C: weight of the squared hinge loss.
+
+    Returns:
+        (D + 1,) weights of the features as they are, not standardised, and then the bias.
     """
     scale = np.sqrt(np.mean(np.square(features, dtype=np.float64), axis=0)) + 1e-9
     svm = LinearSVC(C=C, loss="squared_hinge", dual=False, tol=1e-6, max_iter=5000)
     svm.fit(features / scale, labels)
-    return LinearHead(svm.coef_[0] / scale, float(svm.intercept_[0]))
+    return np.append(svm.coef_[0] / scale, svm.intercept_[0])
 
 
 def decode_with_threshold(pair: Observation, difference: Real, threshold: float) -> SoftBits:
@@ -121,6 +113,6 @@ def decode_with_svm(pair: Observation, features: Features, C: float) -> SoftBits
     i_o, i_e = (intensity(f) for f in (pair.original, pair.embedded))
     maps = features(i_o, i_e)
     head = fit_svm(*training_samples(pair, maps), C)
-    scores = maps @ head.weights + head.bias
+    scores = maps @ head[:-1] + head[-1]
     blocks = block_mean(scores, pair.layout.rows, pair.layout.cols)[pair.layout.message_mask]
-    return SoftBits(np.asarray(blocks, np.float64), np.append(head.weights, head.bias))
+    return SoftBits(np.asarray(blocks, np.float64), head)

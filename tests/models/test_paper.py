@@ -307,14 +307,14 @@ def test_svm_of_two_points_has_the_exact_answer() -> None:
     """w.x + b with x = -1, 1 and labels 0, 1: minimise w^2 / 2 + 2 C (1 - w)^2, hence 4C/(1+4C)."""
     for C in (0.25, 1.0, 100.0):
         head = fit_svm(np.array([[-1.0], [1.0]]), np.array([0, 1]), C)
-        assert head.weights[0] == pytest.approx(4 * C / (1 + 4 * C), abs=FLOAT32)
-        assert head.bias == pytest.approx(0, abs=FLOAT32)
+        assert head[0] == pytest.approx(4 * C / (1 + 4 * C), abs=FLOAT32)
+        assert head[1] == pytest.approx(0, abs=FLOAT32)
 
 
 def test_svm_weights_are_for_features_as_they_are() -> None:
     u, labels = random_pixels(80, 4), np.arange(80) % 2
     plain, scaled = fit_svm(u, labels, 1.0), fit_svm(u * [1e-3, 1e3], labels, 1.0)
-    np.testing.assert_allclose(u @ plain.weights, u * [1e-3, 1e3] @ scaled.weights, atol=1e-4)
+    np.testing.assert_allclose(u @ plain[:-1], u * [1e-3, 1e3] @ scaled[:-1], atol=1e-4)
 
 
 @pytest.mark.parametrize("ones", [2, 10, 30, 50, 57])
