@@ -1,6 +1,6 @@
 """Training episodes: simulated, rectified frame pairs as tensors."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -135,19 +135,13 @@ def augmented_features(
     Returns:
         both tensors of features for all N episodes, in order.
     """
-    parts = [features_of(*batch) for batch in _augmented(episodes, device, generator)]
-    first, second = (torch.cat(part) for part in zip(*parts, strict=True))
-    return first, second
-
-
-def _augmented(
-    episodes: EpisodeSet, device: str, generator: torch.Generator
-) -> Iterator[tuple[Tensor, Tensor]]:
-    """Yield both frames of `BATCH` episodes at a time, varied by `augment`."""
+    parts = []
     for start in trange(0, len(episodes.bits), BATCH, desc="augment", unit="batch", leave=False):
         batch = slice(start, start + BATCH)
         original, embedded = episodes.original[batch], episodes.embedded[batch]
-        yield augment(original.to(device), embedded.to(device), generator)
+        parts.append(features_of(*augment(original.to(device), embedded.to(device), generator)))
+    first, second = (torch.cat(part) for part in zip(*parts, strict=True))
+    return first, second
 
 
 def _rectified(
