@@ -154,16 +154,7 @@ class VideoReader:
         Files state their average rate, which missing frames lower, or a rate of which all times are
         multiples. Where the times tell nothing, the stated rate counts, else `DEFAULT_FPS`.
         """
-        video = _open_capture(self.path)  # opened once more: frames that are grabbed are gone
-        times: list[float] = []
-        try:
-            while len(times) < PROBED_FRAMES and video.grab():
-                times.append(video.get(cv2.CAP_PROP_POS_MSEC) / 1000)
-        except cv2.error:
-            times = []
-        finally:
-            video.release()
-        gaps = np.diff(np.array(times))
+        gaps = np.diff(np.array(_times_of(self.path, PROBED_FRAMES)))
         if len(gaps) and np.isfinite(gaps).all() and (gaps >= 1 / MAX_FPS).all():
             frames = np.maximum(1, np.rint(gaps / np.median(gaps)))
             return float(frames.sum() / gaps.sum())
@@ -199,20 +190,10 @@ class VideoReader:
         Raises:
             InputError: the video ends before the time that the file states.
         """
-        video, end_s = _open_capture(self.path), 0.0
-        try:
-            video.set(cv2.CAP_PROP_POS_MSEC, 1000 * max(0.0, self._stated_s - self._slack_s))
-            for _ in range(SOUGHT_FRAMES):  # from the key frame before on
-                if not video.grab():
-                    break
-                end_s = video.get(cv2.CAP_PROP_POS_MSEC) / 1000
-            else:
-                return
-        except cv2.error:
-            end_s = 0.0
-        finally:
-            video.release()
-        if end_s + self._slack_s < self._stated_s:
+        near_end_s = max(0.0, self._stated_s - self._slack_s)
+        times = _times_of(self.path, SOUGHT_FRAMES, near_end_s)
+        end_s = times[-1] if times else 0.0
+        if len(times) < SOUGHT_FRAMES and end_s + self._slack_s < self._stated_s:
             raise InputError(
                 f"{self.path}: the video breaks off before the {self._stated_s:.1f} s that it "
                 "states; copy it again, or cut it there"
@@ -235,6 +216,31 @@ class VideoReader:
                 f"{self.path}: the video breaks off after {count} frames, at {end_s:.1f} of "
                 f"{self._stated_s:.1f} s; copy it again, or cut it there"
             )
+
+
+def _times_of(path: Path, most: int, sought_s: float | None = None) -> list[float]:
+    """Return the times, in seconds, of some frames of a video; none where OpenCV fails on one.
+
+    The file is opened once more for this, as frames that are grabbed are gone.
+
+    Args:
+        path: the file.
+        most: number of frames after which it ends.
+        sought_s: time, in seconds, from the key frame before which on it begins; None for the
+            first frame.
+    """
+    video = _open_capture(path)
+    try:
+        if sought_s is not None:
+            video.set(cv2.CAP_PROP_POS_MSEC, 1000 * sought_s)
+        times: list[float] = []
+        while len(times) < most and video.grab():
+            times.append(video.get(cv2.CAP_PROP_POS_MSEC) / 1000)
+        return times
+    except cv2.error:
+        return []
+    finally:
+        video.release()
 
 
 def _open_capture(path: Path) -> cv2.VideoCapture:
