@@ -3,13 +3,12 @@
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data_gen.pictures.library import Picture
-from data_gen.pictures.moving import SCENES, moving_carrier
+from data_gen.pictures.moving import SCENES, Film, moving_carrier
 from link.errors import InputError
 from link.images import fit_picture
 from link.images.video import VideoReader
@@ -21,42 +20,11 @@ MAX_FILM_BYTES = 2**30
 """Largest memory that the frames of a video file may take at the size at which they are shown."""
 
 
-class Carrier(Protocol):
-    """A film that carries a message."""
-
-    @property
-    def name(self) -> str:
-        """Name of the scene or of the file."""
-
-    def __call__(self, time_s: float) -> NDArray[np.uint8]:
-        """Give the picture, (H, W, 3) uint8, at a time in seconds, 0 or later."""
-
-
 def check_carriers(name: str) -> None:
     """Raise an `InputError` unless `open_carrier` knows the name, or it is `STILL`."""
     if name not in (STILL, MOVING, *SCENES) and not is_file(Path(name)):
         known = ", ".join((STILL, MOVING, *SCENES))
         raise InputError(f"carriers: need a video file or one of {known}, got {name!r}")
-
-
-def open_carrier(name: str, pictures: Sequence[Picture], rng: np.random.Generator) -> Carrier:
-    """Open a video file, or draw a film of a scene.
-
-    Args:
-        name: `MOVING`, a scene of `SCENES`, or a video file.
-        pictures: pictures of one split, over which scenes are drawn; films have their size.
-        rng: source of every random draw.
-
-    Raises:
-        InputError: there is no such scene or file, or the file is no video that is read.
-    """
-    check_carriers(name)
-    if name == MOVING:
-        name = str(rng.choice(list(SCENES)))
-    if name in SCENES:
-        return moving_carrier(name, pictures, rng)
-    height, width = pictures[0].rgb.shape[:2]
-    return video_carrier(Path(name), width, height)
 
 
 class VideoCarrier:
@@ -91,3 +59,27 @@ class VideoCarrier:
 
 video_carrier = lru_cache(maxsize=2)(VideoCarrier)
 """Opens a video file once for each size: its path, and width and height in pixels."""
+
+
+def open_carrier(
+    name: str, pictures: Sequence[Picture], rng: np.random.Generator
+) -> Film | VideoCarrier:
+    """Open a video file, or draw a film of a scene.
+
+    Either has a ``name``, and gives its picture, (H, W, 3) uint8, at a time in seconds, 0 or later.
+
+    Args:
+        name: `MOVING`, a scene of `SCENES`, or a video file.
+        pictures: pictures of one split, over which scenes are drawn; films have their size.
+        rng: source of every random draw.
+
+    Raises:
+        InputError: there is no such scene or file, or the file is no video that is read.
+    """
+    check_carriers(name)
+    if name == MOVING:
+        name = str(rng.choice(list(SCENES)))
+    if name in SCENES:
+        return moving_carrier(name, pictures, rng)
+    height, width = pictures[0].rgb.shape[:2]
+    return video_carrier(Path(name), width, height)
