@@ -120,7 +120,9 @@ class PhoneProcessor:
             rgb, H = self._distort(rgb), self._distorted(H, size)
         if settings.stabilise_s > 0:
             motion = self._steady(frame.H_captured_from_display, frame.time_s, size)
-            rgb, H = _warp(rgb, motion), motion @ H
+            border = cv2.BORDER_REFLECT_101
+            moved = cv2.warpPerspective(rgb, motion, size, borderMode=border)
+            rgb, H = np.asarray(moved, np.uint8), motion @ H
         if settings.noise_reduction > 0:
             rgb = self._denoise(rgb)
         if settings.local_tone > 0:
@@ -219,15 +221,4 @@ def blur_by_motion(exposure: Light, shift: NDArray[np.float64]) -> Light:
     kernel /= steps
     return np.asarray(
         cv2.filter2D(exposure, -1, kernel, borderType=cv2.BORDER_REFLECT_101), np.float32
-    )
-
-
-def _warp(rgb: NDArray[np.uint8], motion: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """Resample (H, W, 3) pixels by a (3, 3) homography, bilinearly."""
-    size = rgb.shape[1], rgb.shape[0]
-    return np.asarray(
-        cv2.warpPerspective(
-            rgb, motion, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101
-        ),
-        np.uint8,
     )

@@ -224,7 +224,7 @@ def draw_scene(
     pair: Pair,
     view_deg: float,
     rng: np.random.Generator,
-    settings: SceneSettings | None = None,
+    settings: SceneSettings,
 ) -> Scene:
     """Draw a room, a display in it, and where the camera stands.
 
@@ -240,7 +240,6 @@ def draw_scene(
     Raises:
         InputError: ``view_deg`` or a setting is out of range, or the pair is without perspective.
     """
-    settings = settings or SceneSettings()
     settings.check()
     check_view(view_deg)
     if not pair.setup.perspective:
