@@ -91,7 +91,7 @@ def _step(
     mean = (fixed + moved) / 2
     gx = cv2.Sobel(mean, cv2.CV_32F, 1, 0, scale=width / 16)  # per unit of u
     gy = cv2.Sobel(mean, cv2.CV_32F, 0, 1, scale=height / 16)
-    v, u = np.meshgrid(_centred(height), _centred(width), indexing="ij")
+    v, u = np.meshgrid(centred(height), centred(width), indexing="ij")
     x, y, u, v, i, change = (
         map_[inside].astype(np.float64) for map_ in (gx, gy, u, v, mean, moved - fixed)
     )
@@ -109,7 +109,7 @@ def _step(
     return np.array([[1 + a[1], a[2], a[0]], [a[4], 1 + a[5], a[3]], [a[6], a[7], 1.0]])
 
 
-def _centred(length: int) -> NDArray[np.float64]:
+def centred(length: int) -> NDArray[np.float64]:
     """Pixel centres along one axis on which the frame spans [-1, 1]."""
     return (2 * np.arange(length) + 1) / length - 1
 
@@ -124,8 +124,8 @@ def _warp(
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Sample the image at H x, and tell where that lies inside; ``H`` on coordinates in [-1, 1]."""
     height, width = image.shape[:2]
-    centred = _to_centred(width, height)
-    pixels = np.linalg.inv(centred) @ H @ centred
+    to_centred = _to_centred(width, height)
+    pixels = np.linalg.inv(to_centred) @ H @ to_centred
     flags, size = cv2.WARP_INVERSE_MAP, (width, height)
     warped = cv2.warpPerspective(
         image, pixels, size, flags=flags | cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE

@@ -10,7 +10,7 @@ from link.images import intensity
 from link.layout import block_grid
 from link.observation import Observation
 from link.types import Array
-from models.blind.register import align_frames
+from models.blind.register import align_frames, centred
 
 TONES = 12
 """Number of tones into which a frame is cut, with equally many pixels in each; fewer would do to
@@ -79,11 +79,7 @@ def cut_into_tones(pair: Observation) -> Tones:
     def mean(values: NDArray[np.float32] | Array) -> Array:
         return total(weights * values) / (count + 1e-9)
 
-    y, x = np.meshgrid(
-        (2 * np.arange(layout.height) + 1) / layout.height - 1,
-        (2 * np.arange(layout.width) + 1) / layout.width - 1,
-        indexing="ij",
-    )
+    y, x = np.meshgrid(centred(layout.height), centred(layout.width), indexing="ij")
     return Tones(
         change=255 * mean(i_e - i_o),
         i=mean(i),
