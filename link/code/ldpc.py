@@ -54,21 +54,18 @@ class Code:
         """Count the checks that a (length,) word of 0 and 1 fails."""
         return int((np.add.reduceat(codeword[self.bit].astype(np.int64), self.starts) % 2).sum())
 
-    def decode(
-        self, llr: NDArray[np.float64], iterations: int = ITERATIONS
-    ) -> NDArray[np.uint8] | None:
+    def decode(self, llr: NDArray[np.float64]) -> NDArray[np.uint8] | None:
         """Find the codeword by belief propagation (sum-product; all checks, then all bits).
 
         Args:
             llr: (length,) log-likelihood ratios, positive for 1; 0 where nothing was received.
-            iterations: number of rounds after which it gives up.
 
         Returns:
             (length,) uint8, a codeword, or None where none was found.
         """
         channel = np.clip(np.nan_to_num(llr), -MAX_LLR, MAX_LLR)
         messages = channel[self.bit]
-        for _ in range(iterations):
+        for _ in range(ITERATIONS):
             # positive for 1, so the sign of a check's product is (-1) ** (its edges + 1)
             tanh = np.tanh(np.clip(messages, -MAX_LLR, MAX_LLR) / 2)
             magnitude = np.log(np.maximum(np.abs(tanh), 1e-12))

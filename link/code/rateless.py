@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.code.scrambled import scrambled
-from link.steps import Steps, run_to_end
+from link.steps import Steps
 from link.types import Floats
 
 MIN_INFORMATION, MAX_INFORMATION = 256, 16384
@@ -109,15 +109,7 @@ class RatelessCode:
             members = (start[mine] + times * step[mine]) % prime
             yield numbers[mine].astype(np.intp), members.astype(np.intp)
 
-    def decode(
-        self, llr: NDArray[np.floating], iterations: int = ITERATIONS
-    ) -> tuple[Bits, NDArray[np.bool_]]:
-        """Find the information at once; arguments and results are those of `decoding_steps`."""
-        return run_to_end(self.decoding_steps(llr, iterations))
-
-    def decoding_steps(
-        self, llr: NDArray[np.floating], iterations: int = ITERATIONS
-    ) -> Steps[tuple[Bits, NDArray[np.bool_]]]:
+    def decoding_steps(self, llr: NDArray[np.floating]) -> Steps[tuple[Bits, NDArray[np.bool_]]]:
         """Find the information by belief propagation (sum-product), step by step.
 
         `MAX_COLUMNS` blocks are decoded at a time. If one of them cannot be, the blocks after them
@@ -126,7 +118,6 @@ class RatelessCode:
         Args:
             llr: (count, blocks) log-likelihood ratios of coded bits 0 to ``count`` - 1, positive
                 for 1; 0 where nothing was received. It must not change between steps.
-            iterations: number of rounds after which it gives up.
 
         Returns:
             a generator, which yields the work of each step in the unit of `GRAPH_WORK`, and returns
@@ -138,7 +129,7 @@ class RatelessCode:
         done = np.zeros(llr.shape[1], bool)
         for first in range(0, llr.shape[1], MAX_COLUMNS):
             columns = slice(first, first + MAX_COLUMNS)
-            found = yield from graph.decoding_steps(llr[:, columns], iterations, bool(done.any()))
+            found = yield from graph.decoding_steps(llr[:, columns], bool(done.any()))
             bits[:, columns], done[columns] = found
             if not done[columns].all():
                 break
@@ -174,13 +165,12 @@ class _Graph:
         self.edges = edges.size
 
     def decoding_steps(
-        self, llr: NDArray[np.floating], iterations: int, hopeful: bool
+        self, llr: NDArray[np.floating], hopeful: bool
     ) -> Steps[tuple[Bits, NDArray[np.bool_]]]:
         """Decode some blocks at once; `RatelessCode.decoding_steps` says the rest.
 
         Args:
             llr: (count, columns) log-likelihood ratios.
-            iterations: number of rounds after which it gives up.
             hopeful: whether other blocks of the message were decoded, so that it does not give up
                 early.
         """
@@ -194,7 +184,7 @@ class _Graph:
         messages = np.zeros((self.edges, columns), np.float32)
         active, total = np.arange(columns), known
         certainty = np.zeros(columns)
-        for turn in range(iterations):
+        for turn in range(ITERATIONS):
             self._pass(messages, channel, total)
             total = self._sum(messages, known)
             yield self.edges * (active.size + 1)  # one for what is done once for all blocks

@@ -10,6 +10,7 @@ from port import Port, same
 from scores import noisy
 from tolerances import FLOAT32_SUM
 
+from link import steps
 from link.code.fine import Shape, Terms, coded_bits, mark_of, number_likelihoods, read_terms
 from link.code.framing import encode
 from link.code.ldpc import make_code
@@ -166,7 +167,7 @@ def test_information_is_found_where_python_finds_it(port: Port) -> None:
     for blocks, count, ber in ((1, 900, 0.001), (3, 900, 0.02), (2, 620, 0.02), (18, 2600, 0.1)):
         information = rng.integers(0, 2, (512, blocks), np.uint8)
         llr = partly(code.encode(information, count), ber, rng)
-        bits, done = code.decode(llr)
+        bits, done = steps.run_to_end(code.decoding_steps(llr))
         assert np.array_equal(bits[:, done], information[:, done])
         found = run_to_end(ported.decodingSteps(llr.reshape(-1), blocks))
         same(found, bits.T if done.all() else None)
