@@ -29,9 +29,7 @@ def load_film_decoder(folder: Path = FILM_GRAPH.parent) -> FilmDecoder:
     return module.eval()
 
 
-@lru_cache(maxsize=8)
-def _trained(folder: Path) -> FilmDecoder:
-    return load_film_decoder(folder)
+_trained = lru_cache(maxsize=8)(load_film_decoder)
 
 
 def decode_film_with(module: FilmDecoder, observation: Observation) -> SoftBits:

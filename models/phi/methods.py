@@ -32,8 +32,7 @@ def _untrained(layout: Layout, config: DecoderConfig) -> PhiDecoder:
 
 @lru_cache(maxsize=8)
 def _trained(folder: Path, layout: Layout) -> PhiDecoder:
-    module = load_checkpoint(folder, layout)
-    return module.eval()
+    return load_checkpoint(folder, layout).eval()
 
 
 @dataclass(frozen=True)
@@ -70,7 +69,5 @@ class Learned:
             InputError: a file of the checkpoint is missing or damaged.
             UnsuitedError: the layout has neither ratex patches nor pilots.
         """
-        return decode_with(self._module(pair.layout), pair)
-
-    def _module(self, layout: Layout) -> PhiDecoder:
-        return _trained(self.checkpoint or shipped_checkpoint(layout), layout)
+        folder = self.checkpoint or shipped_checkpoint(pair.layout)
+        return decode_with(_trained(folder, pair.layout), pair)
