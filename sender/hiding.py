@@ -19,6 +19,7 @@ from link.layout import Layout
 from link.strength import even_factor, light_of_level
 from sender.visibility.flicker import (
     contrast_over_threshold,
+    high_end,
     random_message,
     stroboscopic_visibility,
 )
@@ -166,7 +167,7 @@ class Hiding:
         viewing = self._viewing(level, kappa)
         rng = np.random.default_rng(MESSAGE_SEED)
         shown = random_message(viewing, self.layout.modulation, rng, SECONDS)
-        return contrast_over_threshold(shown, viewing, where).high
+        return high_end(contrast_over_threshold(shown, viewing, where))
 
     def _viewing(self, level: float, kappa: int) -> Viewing:
         factor = float(even_factor(light_of_level(level))) if self.even else 1.0

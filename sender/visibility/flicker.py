@@ -25,8 +25,6 @@ seen more often than not.
   (`where="screen"`) is the upper end of what many blocks together can do.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -49,22 +47,9 @@ QUANTILE = 0.95
 """Share of the windows of a random message that lie below what is called its high end."""
 
 
-@dataclass(frozen=True)
-class Visibility:
-    """Contrast over threshold, by windows; 1 is just seen."""
-
-    windows: Array
-    """(windows,) of luminance, by elaTCSF."""
-
-    @property
-    def mean(self) -> float:
-        """Mean contrast over threshold of the windows."""
-        return float(self.windows.mean())
-
-    @property
-    def high(self) -> float:
-        """Contrast over threshold below which 95 % of the windows lie."""
-        return float(np.quantile(self.windows, QUANTILE))
+def high_end(windows: Array) -> float:
+    """Return the contrast over threshold below which 95 % of the windows lie."""
+    return float(np.quantile(windows, QUANTILE))
 
 
 def flicker_spectrum(
@@ -97,7 +82,7 @@ def flicker_spectrum(
 
 def contrast_over_threshold(
     amplitudes: ArrayLike, viewing: Viewing, where: Where = "block"
-) -> Visibility:
+) -> Array:
     """Work out how visible a sequence is that one block, or the whole screen, shows.
 
     Args:
@@ -108,13 +93,14 @@ def contrast_over_threshold(
             visible counts; "screen" for all blocks in phase, looked at in the middle.
 
     Returns:
-        one number for each window.
+        (windows,) contrast over threshold of the luminance in each window, by elaTCSF; 1 is just
+        seen.
 
     Raises:
         InputError: the sequence is shorter than one window.
 
     >>> toggling = np.tile([-0.5, 0.5], 30)
-    >>> round(contrast_over_threshold(toggling, Viewing(rows=48, cols=64)).mean, 2)
+    >>> round(float(contrast_over_threshold(toggling, Viewing(rows=48, cols=64)).mean()), 2)
     0.71
     """
     n = round(WINDOW_S * viewing.refresh_hz)
@@ -135,7 +121,7 @@ def contrast_over_threshold(
         )
         for gaze in gazes
     ]
-    return Visibility(max(seen, key=lambda windows: float(windows.mean())))
+    return max(seen, key=lambda windows: float(windows.mean()))
 
 
 def stroboscopic_visibility(amplitudes: ArrayLike, viewing: Viewing) -> float:

@@ -11,7 +11,7 @@ from link.presets import PRESETS
 from link.strength import EVEN, FACTORS, block_steps, even_factor, light_of_level, masking
 from link.types import Image
 from sender.hiding import MESSAGE_SEED, SECONDS, Onlooker
-from sender.visibility.flicker import contrast_over_threshold, random_message
+from sender.visibility.flicker import contrast_over_threshold, high_end, random_message
 
 LAYOUT = make_layout(12, 16, 160, 120, modulation="antipodal", pilots=8)
 
@@ -51,7 +51,7 @@ def test_the_curve_makes_all_grays_alike_to_the_eye() -> None:
         viewing = replace(usual, kappa=factor, picture_level=float(level))
         rng = np.random.default_rng(MESSAGE_SEED)
         shown = random_message(viewing, "antipodal", rng, SECONDS)
-        seen[level] = contrast_over_threshold(shown, viewing, "block").high
+        seen[level] = high_end(contrast_over_threshold(shown, viewing, "block"))
     inside = np.array([seen[level] for level in EVEN if 0 < level < 255])  # others are clipped
     assert inside.max() / inside.min() < EVEN_CONTRAST
     assert 0.95 < inside.max() < 1

@@ -40,7 +40,7 @@ from link.presets import DEFAULT_PRESET, PRESETS
 from sender.hiding import MESSAGE_SEED, SECONDS, Hiding, Onlooker
 from sender.pictures import note_coarse, open_pictures
 from sender.player import write_player
-from sender.visibility.flicker import contrast_over_threshold, random_message
+from sender.visibility.flicker import contrast_over_threshold, high_end, random_message
 from sender.visibility.viewing import PICTURE_LEVELS, Viewing
 from sender.write import write_states
 
@@ -557,7 +557,10 @@ def test_the_sender_says_how_visible_the_message_is(tmp_path: Path, send: Send) 
         viewing = Viewing(12, 16, 2, aspect=256 / 192, picture_level=level)
         shown = random_message(viewing, "antipodal", np.random.default_rng(MESSAGE_SEED), SECONDS)
         seen.append(
-            [contrast_over_threshold(shown, viewing, where).high for where in ("block", "screen")]
+            [
+                high_end(contrast_over_threshold(shown, viewing, where))
+                for where in ("block", "screen")
+            ]
         )
     block, screen = np.max(seen, axis=0).round(3)
     assert (said["visibility_block"], said["visibility_screen"]) == (block, screen)
