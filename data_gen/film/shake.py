@@ -24,6 +24,8 @@ TREMOR_HZ = (5.0, 10.0)
 """Lowest and highest frequency of the tremor, Hz."""
 TREMOR_SINES = 4
 """Number of sines that make up the tremor along each axis."""
+EXPOSURE_JUMP = 0.2
+"""Standard deviation of the log exposure to which automatic exposure jumps."""
 
 
 @dataclass
@@ -96,18 +98,15 @@ class Hand:
 class ExposureDrift:
     """An automatic exposure whose gain breathes, and sometimes makes for another level."""
 
-    def __init__(
-        self, drift: float, jumps_hz: float, jump: float, rng: np.random.Generator
-    ) -> None:
+    def __init__(self, drift: float, jumps_hz: float, rng: np.random.Generator) -> None:
         """Start at the usual exposure.
 
         Args:
             drift: standard deviation of the log gain within seconds.
             jumps_hz: number of jumps a second.
-            jump: standard deviation of the log gain to which it jumps.
             rng: source of every random draw.
         """
-        self._drift, self._jumps_hz, self._jump, self._rng = drift, jumps_hz, jump, rng
+        self._drift, self._jumps_hz, self._rng = drift, jumps_hz, rng
         self._breath = Wander(1, rng, slow_s=1.0, smooth_s=0.2)
         self._level = self._target = 0.0
 
@@ -116,6 +115,6 @@ class ExposureDrift:
         breath = self._drift * self._breath.step(seconds)[0]
         jumps, to = self._rng.random() < self._jumps_hz * seconds, self._rng.standard_normal()
         if jumps:
-            self._target = self._jump * to
+            self._target = EXPOSURE_JUMP * to
         self._level += (1 - np.exp(-seconds / 0.15)) * (self._target - self._level)
         return float(np.exp(breath + self._level))

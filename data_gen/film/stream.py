@@ -50,8 +50,6 @@ is 1.5 times as far from the display as the camera (assumed)."""
 SETTLING_FRAMES, SETTLED_S = 4, 10.0
 """Number of frames, and of seconds after each, in which automatic exposure finds the light before a
 film begins."""
-EXPOSURE_JUMP = 0.2
-"""Standard deviation of the log exposure to which automatic exposure jumps."""
 MAX_JITTER = 0.45
 """Largest share of the time from frame to frame by which the sensor takes a frame early or late."""
 
@@ -187,7 +185,7 @@ class _Stream:
         )
         drift = settings.exposure_drift
         drift = scene.pair.nuisance(scene.view_deg).drift if drift is None else drift
-        self.exposure = ExposureDrift(drift, settings.jumps_hz, EXPOSURE_JUMP, exposure_rng)
+        self.exposure = ExposureDrift(drift, settings.jumps_hz, exposure_rng)
         self.loss_rng, self.noise_rng, self.jitter_rng = loss_rng, noise_rng, jitter_rng
 
     def frames(self) -> Iterator[VideoFrame]:

@@ -176,13 +176,13 @@ def test_wandering_has_deviation_one_at_the_start_and_later() -> None:
 
 def test_exposure_breathes_and_jumps_where_asked_to() -> None:
     rng = np.random.default_rng(0)
-    still = ExposureDrift(0.0, 0.0, 0.2, rng)
+    still = ExposureDrift(0.0, 0.0, rng)
     assert {still.step(1 / 30) for _ in range(50)} == {1.0}
-    breathing = ExposureDrift(0.02, 0.0, 0.2, rng)
+    breathing = ExposureDrift(0.02, 0.0, rng)
     gains = np.log([breathing.step(1 / 30) for _ in range(3000)])
     assert 0.012 < gains.std() < 0.025
     assert np.abs(np.diff(gains)).max() < 0.02
-    jumping = ExposureDrift(0.0, 1.0, 0.2, rng)
+    jumping = ExposureDrift(0.0, 1.0, rng)
     assert np.log([jumping.step(1 / 30) for _ in range(3000)]).std() > 0.05
 
 
