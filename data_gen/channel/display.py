@@ -81,17 +81,6 @@ class Emission:
         return light
 
 
-def emitted_light(frames: NDArray[np.uint8], display: Display, theta: Light) -> Light:
-    """Return the light of frames that are emitted once, as `Emission.light` does.
-
-    Args:
-        frames: (..., H, W, 3) uint8, encoded RGB.
-        display: parameters of the display.
-        theta: (H, W) viewing angle at each pixel, radians from the normal.
-    """
-    return Emission.of(display, theta).light(frames)
-
-
 def _look_up(frames: NDArray[np.uint8], table: Light) -> Light:
     flat = cv2.LUT(np.ascontiguousarray(frames).reshape(1, -1, 3), table[None])
     return np.asarray(flat, np.float32).reshape(frames.shape)  # (1, N, 3) -> frames

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tyro.conf import Fixed, Suppress
 
 from data_gen.channel.composition import Layer, Viewpoint, repeat_channels
-from data_gen.channel.display import Light, emitted_light, fall_to_corners, room_light
+from data_gen.channel.display import Emission, Light, fall_to_corners, room_light
 from data_gen.channel.metering import metered_gain
 from data_gen.channel.optics import (
     CAPTURE_WIDTH,
@@ -401,7 +401,7 @@ def _paint(
     painter.frame(box, thick, colour)
     if windowed:
         level = np.full((1, 1, 3), 250 if white_surround else gray, np.uint8)
-        emitted = emitted_light(level, pair.display, np.full((1, 1), np.radians(view_deg)))
+        emitted = Emission.of(pair.display, np.full((1, 1), np.radians(view_deg))).light(level)
         lit = np.asarray(emitted + pair.display.haze, np.float32)
         width, height = box[2:] - box[:2]
         canvas.paint(lit, (*box[:2], 0), (width, 0, 0), (0, height, 0))

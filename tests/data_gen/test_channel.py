@@ -16,7 +16,7 @@ from tolerances import CDTF_LEVELS, FLOAT32, IDENTITY_LEVELS
 from data_gen.channel import composition, panel
 from data_gen.channel.camera import collect, response_curve
 from data_gen.channel.composition import Shot
-from data_gen.channel.display import emitted_light
+from data_gen.channel.display import Emission
 from data_gen.channel.metering import metered_gain
 from data_gen.channel.optics import CAPTURE_HEIGHT, CAPTURE_WIDTH
 from data_gen.channel.stills import capture, draw_shots
@@ -42,7 +42,7 @@ def displayed() -> Displayed:
 def cdtf(pair: Pair, view_deg: float) -> Array:
     """Captured R, G, B (256, 3) of all displayed grays at the picture's centre, in a dark room."""
     grays = np.repeat(np.arange(256, dtype=np.uint8), 3).reshape(256, 1, 1, 3)
-    light = emitted_light(grays, pair.display, np.full((1, 1), np.radians(view_deg)))[:, 0]
+    light = Emission.of(pair.display, np.full((1, 1), np.radians(view_deg))).light(grays)[:, 0]
     exposure = collect(light, pair.camera, pair.crosstalk, metered_gain(pair, view_deg))
     raw = np.clip(np.minimum(exposure, 1.0)[:, 0] @ np.array(pair.camera.color_matrix).T, 0, 1)
     table = response_curve(pair.camera.tone_curve, pair.camera.encoding)

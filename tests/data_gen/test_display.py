@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import FLOAT32
 
-from data_gen.channel.display import emitted_light, fall_to_corners, room_light
+from data_gen.channel.display import Emission, fall_to_corners, room_light
 from data_gen.effects import with_parameter
 from data_gen.pairs import DISPLAYS, PAIRS
 from data_gen.parameters import Display
@@ -23,7 +23,7 @@ displays = st.sampled_from([pair.display for pair in PAIRS.values()])
 def emitted(level: int, display: Display, degrees: float) -> Array:
     """Light of an even picture's centre in R, G, B."""
     theta = np.full((3, 3), np.radians(degrees))
-    light = emitted_light(np.full((3, 3, 3), level, np.uint8), display, theta)
+    light = Emission.of(display, theta).light(np.full((3, 3, 3), level, np.uint8))
     return np.asarray(light[1, 1], np.float64)
 
 
@@ -70,7 +70,7 @@ def test_white_falls_faster_on_the_tn_than_on_the_ips_displays(camera: str, ips:
 @pytest.mark.parametrize("name", DISPLAYS)
 def test_light_rises_with_rho_up_to_the_clip_and_stays_there(name: str, degrees: float) -> None:
     display = replace(DISPLAYS[name], edge_loss=0.0)
-    light = emitted_light(RAMP, display, np.full(RAMP.shape[:2], np.radians(degrees)))[0]
+    light = Emission.of(display, np.full(RAMP.shape[:2], np.radians(degrees))).light(RAMP)[0]
     last = int(255 * display.clip)
     assert np.all(np.diff(light[: last + 1], axis=0) > 0)
     assert np.abs(light[last + 1 :] - light[-1]).max(initial=0.0) < FLOAT32
@@ -111,7 +111,7 @@ def test_edge_loss_dims_the_emitted_light_by_that_field() -> None:
     even, uneven = (replace(DISPLAYS["lg"], edge_loss=loss) for loss in (0.0, 0.3))
     theta = np.full((layout.height, layout.width), 0.5, np.float32)
     frame = smooth_picture(layout)
-    ratio = emitted_light(frame, uneven, theta) / emitted_light(frame, even, theta)
+    ratio = Emission.of(uneven, theta).light(frame) / Emission.of(even, theta).light(frame)
     expected = fall_to_corners(0.3, layout.height, layout.width)[:, :, None]
     np.testing.assert_allclose(ratio, np.broadcast_to(expected, ratio.shape), atol=FLOAT32)
 

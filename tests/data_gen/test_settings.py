@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import cases
 
-from data_gen.channel.display import emitted_light
+from data_gen.channel.display import Emission
 from data_gen.effects import EFFECTS, parameter_names, parse_settings, with_parameter
 from data_gen.pairs import get_pair, pair_names
 from link.errors import InputError
@@ -48,8 +48,8 @@ def test_a_pair_of_ones_own_has_the_curves_that_were_measured(tmp_path: Path) ->
     assert (pair.name, pair.camera.tone_curve[1]) == ("mine.json", (0.5, 0.7))
     assert pair.crosstalk[1] == (0, 1, 0)
     frame = np.array([[[0] * 3, [127] * 3, [255] * 3]], np.uint8)
-    light = emitted_light(frame, pair.display, np.zeros((1, 3)))[0, :, 0]
-    uniform = light / emitted_light(frame[:, [2, 2, 2]], pair.display, np.zeros((1, 3)))[0, :, 0]
+    emission = Emission.of(pair.display, np.zeros((1, 3)))
+    uniform = emission.light(frame)[0, :, 0] / emission.light(frame[:, [2, 2, 2]])[0, :, 0]
     np.testing.assert_allclose(uniform, [0, 0.3, 1], atol=0.01)
     (given,) = parse_settings([f"tone_curve={tmp_path / 'camera.csv'}"])
     assert given == ("tone_curve", pair.camera.tone_curve)
