@@ -53,16 +53,9 @@ class PhoneSettings:
 
     @property
     def processes(self) -> bool:
-        """Whether any effect but motion blur is on."""
-        return any(
-            (
-                self.noise_reduction,
-                self.local_tone,
-                self.stabilise_s,
-                self.sharpen,
-                self.distortion,
-            )
-        )
+        """Whether any effect but motion blur is on; ``stabilise_px`` alone does nothing."""
+        usual = PhoneSettings()
+        return replace(self, stabilise_px=usual.stabilise_px, motion_blur=False) != usual
 
     def check(self) -> None:
         """Raise a `ParameterError` that names the first setting that is out of its range."""
