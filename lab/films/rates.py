@@ -59,6 +59,9 @@ SETTINGS = {
     "moving, 60 fps": replace(HIDDEN, fps=60, n_bytes=100, carriers="moving"),
     "moving, fast": replace(FAST, n_bytes=100, carriers="moving"),
 }
+"""Settings of display, camera and message, by name. "slanted" is "fast" on the grid of "hidden",
+whose larger blocks are for slanted and distant displays. Carriers of "moving" are scenes that are
+drawn for each film; each of these settings is there `THROUGH` what a phone does, too."""
 THROUGH: dict[str, dict[str, Any]] = {
     "H.264 12 Mbit": {"codec": CodecSettings("h264", kbits=12_000)},
     "H.264 8 Mbit": {"codec": CodecSettings("h264", kbits=8_000)},
@@ -72,9 +75,6 @@ SETTINGS |= {
     if SETTINGS[name].carriers == "moving"
     for way, changed in THROUGH.items()
 }
-"""Settings of display, camera and message, by name. "slanted" is "fast" on the grid of "hidden",
-whose larger blocks are for slanted and distant displays. Carriers of "moving" are scenes that are
-drawn for each film."""
 
 
 @dataclass(frozen=True)
