@@ -2,7 +2,8 @@
 
 Predict, score, render: every frame pair is decoded once to predictions.jsonl, which is scored to
 metrics.json and shown beside the paper's numbers in tables and in report.html. --report DIR builds
-the page again, --compare A B compares two runs.
+the page again, --compare A B compares two runs. All flags, and their checks, are `EvaluateConfig`
+in reports/evaluation/settings.py.
 """
 
 import sys
