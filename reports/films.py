@@ -123,7 +123,7 @@ def _(source: FilmSource, cell: Cell, index: int, equalised: bool) -> KnownWindo
     """
     each = 1 if reads_films(source.layout) else PAIRS_A_FILM
     found, picture = _film(source, cell, index // each, each)
-    return replace(found[index % each], meta={"picture": picture})
+    return replace(found[index % each], kappa=source.settings.kappa, meta={"picture": picture})
 
 
 @lru_cache(maxsize=2)
