@@ -107,7 +107,7 @@ def summary_table(
     title: str = "",
     against: Mapping[str, Paired | None] | None = None,
 ) -> Table:
-    """Accuracy of each method over all cells, with its clustered interval, and the paper's.
+    """Accuracy of each method over all cells, with its clustered interval, and the paper's if any.
 
     Args:
         scores: a score table (`reports.score.accuracy.score`).
@@ -120,11 +120,13 @@ def summary_table(
     heads: list[str | TableCell] = ["method", "accuracy %", "95 % interval"]
     heads += ["bits"] if against is None else ["wrong of bits"]
     compared = against is not None and any(against.values())
+    in_paper = bool(scores["paper"].notna().any())
     if compared:
         heads += [
             TableCell("points", "to the reference"),
             TableCell("× errors", "of the reference"),
         ]
+    heads += ["paper %"] if in_paper else []
     rows: list[list[str | TableCell]] = []
     for row in shown.itertuples():
         known = row.bits > 0
@@ -136,8 +138,8 @@ def summary_table(
             cells.append(f"{row.errors:,} of {row.bits:,}" if known else "–")
         if against is not None and compared:
             cells += _against_cells(against[row.method])
-        rows.append([*cells, percent(row.paper)])
-    return Table([*heads, "paper %"], rows, title)
+        rows.append([*cells, percent(row.paper)] if in_paper else cells)
+    return Table(heads, rows, title)
 
 
 def cell_tables(scores: pd.DataFrame) -> list[Table]:
