@@ -355,7 +355,11 @@ def test_the_summary_prints_no_mean_where_the_paper_lacks_a_cell() -> None:
     rows = score_table(all_cells("oorc"), other)
     assert summary_table(rows, "title").markdown().endswith("| 590 | – |")
     unknown = score_row("oorc", "captures", None, None, 1, 0, 0, 0)
-    assert summary_table(unknown, "title").markdown().endswith("| oorc | – | – | 0 | – |")
+    assert (
+        summary_table(unknown, "title")
+        .markdown()
+        .endswith("| bits |\n|---|---:|---:|---:|\n| oorc | – | – | 0 |")
+    )
 
 
 # Annotated pictures
