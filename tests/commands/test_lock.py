@@ -30,8 +30,8 @@ from link.files.lock import locked
 with locked(Path(sys.argv[1]), *sys.argv[2:3]):
     (Path(sys.argv[1]) / f".run.json.{os.getpid()}.tmp").write_bytes(b"half")
     if sys.argv[3:] == ["fork"]:
-        child = os.fork() or time.sleep(100)
-        print(child, flush=True)
+        if os.fork() == 0:  # the child says so itself, so that it has let go of the lock
+            print(os.getpid(), flush=True)
     elif sys.argv[3:] == ["spawn"]:
         print(subprocess.Popen(["sleep", "100"], close_fds=False).pid, flush=True)
     else:
