@@ -70,7 +70,7 @@ def main() -> None:
         door = open_recordings(config.captures, config.sent, config.photos, meta, config.fps)
     elif config.captures is not None:
         entries = read_manifest(config.captures)
-    layouts = door.layouts if door else [entry.layout for entry in entries] or [config.layout()]
+    layouts = door.layouts if door else list(dict.fromkeys(entry.layout for entry in entries))
     films = door.are_windows if door else any(entry.is_window for entry in entries)
     films = films or config.benchmark or bool(config.films)
     if config.methods == OF_PAIRS and films and not config.ablation:
@@ -79,7 +79,7 @@ def main() -> None:
     methods = apply_protocol(config.protocol, rows or methods_for(config.methods, config.run))
     bench = Bench(methods, RunFolder(config.out), backend, config.html)
     with locked(config.out):
-        settings = decisive_settings(config, methods, layouts)
+        settings = decisive_settings(config, methods, layouts or [config.layout()])
         bench.folder.claim(settings | ({"recorded": door.digest} if door else {}))
         if config.benchmark:
             failed = run_benchmark(bench)

@@ -113,8 +113,8 @@ class PilotSearch:
     def _begin(self, image: Image, time: float) -> None:
         """Begin a window with a frame.
 
-        After one without a detection, windows are longer, and what is proposed
-        late is tried upright and sideways by turns.
+        After one without a detection, windows are longer, and what is proposed late is tried
+        upright and sideways by turns.
         """
         number = self._failed + len(self._windows)
         watch = Watch(
