@@ -38,10 +38,17 @@ GIVEN_PICTURE = """() => {
 }"""
 """Script that gives the picture of the film from which the card makes states, from its top."""
 SEEK = """(time) => new Promise((resolve) => {
-    film.video.pause();
-    film.video.onseeked = () => { film.fresh = true; resolve(); };
-    film.video.currentTime = time;
+    const { video } = film;
+    const presented = (_, { mediaTime }) => {
+        if (Math.abs(mediaTime - time) > 0.2) return void video.requestVideoFrameCallback(presented);
+        film.fresh = true;
+        resolve();
+    };
+    video.pause();
+    video.requestVideoFrameCallback(presented);
+    video.currentTime = time;
 })"""
+"""Script that seeks and waits until that picture is presented, which may be later than `seeked`."""
 
 
 def shown_over(page: Page, time: float, state: int) -> tuple[Image, Image]:
