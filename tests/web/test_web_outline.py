@@ -159,7 +159,10 @@ def test_the_picture_is_found_within_bars(port: Port) -> None:
 
 
 def test_a_cut_in_the_picture_does_not_end_a_watch(port: Port) -> None:
-    """The bezel before a plain wall holds the film still, where all points are the picture's."""
+    """The bezel before a plain wall holds the film still, where all points are the picture's.
+
+    What is proposed late follows it, too, in all frames watched.
+    """
     images, corners = moving_film(0.0)
     rng = np.random.default_rng(1)
     for number, (image, at) in enumerate(zip(images, corners, strict=True)):
@@ -179,3 +182,17 @@ def test_a_cut_in_the_picture_does_not_end_a_watch(port: Port) -> None:
     found = watch.held[-1].corners(CORNERS)
     assert np.abs(found - corners[-1]).max() < FOLLOWED_PX
     same(ported.newest.corners(CORNERS.tolist()), found, CORNERS_PX)
+    assert watch.moves(CORNERS)
+    for frames, places, motion, on_image in (
+        (watch.frames, watch.places(CORNERS), "H_image_from_reference", watch.on_image),
+        (
+            ported.frames,
+            ported.places(CORNERS.tolist(), None),
+            "HFrameFromReference",
+            ported.onImage,
+        ),
+    ):
+        assert len(places) == len(frames)
+        for frame, place, at in zip(frames, places, corners, strict=False):
+            H = np.reshape(getattr(frame, motion), (3, 3))  # JavaScript's are flat
+            assert np.abs(transform(H, np.array(on_image(place))) - at).max() < FOLLOWED_PX

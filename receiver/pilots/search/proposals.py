@@ -123,7 +123,7 @@ class Proposer:
         self._view_size = max(VIEW_SIZE, *grids, key=prod)
         periods = (np.array(STATES_HZ) / 2 / watch.fps) % 1
         self._frequencies = sorted({float(f) for f in np.minimum(periods, 1 - periods) if f > 0})
-        self._kept: dict[tuple[bytes, int], PilotsSeen] = {}
+        self._kept: dict[tuple[bytes, int, bool], PilotsSeen] = {}
         self.partly_seen: list[Corners] = []
         """Quadrilaterals, pixels of the reference, that may bound a display which is partly in
         view, the likeliest first; none before `edges` has ended."""
@@ -181,14 +181,15 @@ class Proposer:
     def pilots_seen(self, quad: Array, turn: int, count: int | None = None) -> PilotsSeen:
         """Measure what may be pilots in small views of a quadrilateral.
 
-        Of quadrilaterals that follow their own motion, what is measured in a frame is kept.
+        Of quadrilaterals that follow their own motion, what is measured in a frame is kept, until
+        their picture is seen to move.
 
         Args:
             quad: (4, 2) pixels of the reference frame.
             turn: number of quarter turns after which it is seen upright.
             count: as `Watch.places` takes it.
         """
-        key = quad.tobytes(), turn
+        key = quad.tobytes(), turn, self._watch.moves(quad)
         values = self._kept.setdefault(key, []) if count is not None else []
         places = self._watch.places(quad, count)
         views = self._watch.stills.views(places, *self._view_size, turn, first=len(values))

@@ -89,7 +89,7 @@ class Watch:
         self.stills = Stills()
         """Map of the places that toggle in the frames watched."""
         self.fps = fps
-        self._own: dict[bytes, list[Array]] = {}
+        self._own: dict[tuple[bytes, bool], list[Array]] = {}
         self._outlines: list[MovingOutline] = []
         self._stabiliser = Stabiliser(gray, far_apart=picture_moves)
         self.on_copy, self.on_image = self._stabiliser.on_copy, self._stabiliser.on_image
@@ -180,11 +180,16 @@ class Watch:
         Args:
             corners: pixels of the reference.
             count: number of frames, from the first on, in which they follow their own motion: what
-                is nearer than a wall moves farther. None for one place, the room being held still.
+                is nearer than a wall moves farther. None for one place, the room being held still;
+                but where their picture moves, it may have taken the room's motion along, so that
+                they follow what surrounds them in all frames.
         """
-        if count is None:
+        moves = self.moves(corners)
+        if count is None and not moves:
             return [self.on_copy(corners)]
-        places = self._own.setdefault(corners.tobytes(), [])
+        count = len(self.frames) if count is None else count
+        # places that were found before the picture was seen to move are found again
+        places = self._own.setdefault((corners.tobytes(), moves), [])
         for frame in self.frames[len(places) : count]:
             H_reference_from_image = np.asarray(np.linalg.inv(frame.H_image_from_reference))
             places.append(self.on_copy(transform(H_reference_from_image, frame.corners(corners))))

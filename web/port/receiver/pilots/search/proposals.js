@@ -157,7 +157,7 @@ export class Proposer {
 
   /**
    * Measure what may be pilots in small views of a quadrilateral. Of quadrilaterals that follow their
-   * own motion, what is measured in a frame is kept.
+   * own motion, what is measured in a frame is kept, until their picture is seen to move.
    *
    * @param {Point[]} quad
    * @param {number} turn - number of quarter turns after which it is seen upright
@@ -166,9 +166,9 @@ export class Proposer {
    */
   #pilotsSeen(quad, turn, count) {
     const [width, height] = this.#viewSize;
-    const kept = this.#kept.get(quad) ?? [[], []];
+    const kept = this.#kept.get(quad) ?? [[], [], [], []];
     if (count !== null) this.#kept.set(quad, kept);
-    const values = kept[turn];
+    const values = kept[turn + 2 * Number(this.#watch.moves(quad))];
     const places = this.#watch.places(quad, count);
     const views = this.#watch.stills.views(places, width, height, turn, values.length);
     values.push(...pilotsIn(views, this.#layouts));

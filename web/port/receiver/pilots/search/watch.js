@@ -16,8 +16,11 @@ const { WINDOW_S, LEAST_WINDOW, MOST_WINDOW, IN_VIEW, CHECKED, HELD_S, LEAST_HEL
 export class Watch {
   #stabiliser;
   #most;
-  /** Places of corners that follow their own motion, by corners. @type {Map<Point[], Point[][]>} */
-  #own = new Map();
+  /**
+   * Places of corners that follow their own motion, by corners; the second were found since their
+   * picture was seen to move. @type {Map<Point[], Point[][]>[]}
+   */
+  #own = [new Map(), new Map()];
   /** Quadrilaterals that are followed by what surrounds them. @type {MovingOutline[]} */
   #outlines = [];
   /** Frames watched so far, the reference among them. @type {HeldFrame[]} */
@@ -167,19 +170,23 @@ export class Watch {
    * @param {Point[]} corners
    * @param {number | null} count - of the frames, from the first on, in which they follow their own
    *   motion: what is nearer than the wall behind it moves farther when the camera moves sideways;
-   *   null where the room is held still
+   *   null for one place, the room being held still; but where their picture moves, they follow what
+   *   surrounds them in all frames
    * @returns {Point[][]} pixels of the map: for each of the frames, or once for all
    */
   places(corners, count) {
-    if (count === null) return [this.#stabiliser.onCopy(corners)];
-    const places = this.#own.get(corners) ?? [];
-    for (const frame of this.frames.slice(places.length, count)) {
+    const moves = this.moves(corners);
+    if (count === null && !moves) return [this.#stabiliser.onCopy(corners)];
+    const last = count ?? this.frames.length;
+    const own = this.#own[Number(moves)];
+    const places = own.get(corners) ?? [];
+    for (const frame of this.frames.slice(places.length, last)) {
       const HReferenceFromFrame = inverse(frame.HFrameFromReference);
       const seen = transform(HReferenceFromFrame, frame.corners(corners));
       places.push(this.#stabiliser.onCopy(seen));
     }
-    this.#own.set(corners, places);
-    return places.slice(0, count);
+    own.set(corners, places);
+    return places.slice(0, last);
   }
 
   /**
