@@ -40,7 +40,9 @@ GIVEN_PICTURE = """() => {
 SEEK = """(time) => new Promise((resolve) => {
     const { video } = film;
     const presented = (_, { mediaTime }) => {
-        if (Math.abs(mediaTime - time) > 0.2) return void video.requestVideoFrameCallback(presented);
+        if (Math.abs(mediaTime - time) > 0.2) {
+            return void video.requestVideoFrameCallback(presented);
+        }
         film.fresh = true;
         resolve();
     };
