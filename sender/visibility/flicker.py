@@ -43,6 +43,9 @@ MOVING_HZ = 80.0, 2000.0
 """Lowest and highest temporal frequency that `stroboscopic_visibility` counts, in Hz."""
 MOVING_EXPONENT = 3.7
 """Exponent by which `stroboscopic_visibility` sums over frequencies."""
+MOVING_THRESHOLD = 2.865e-5, 1.543, 0.225
+"""Factor, exponent and offset of the contrast at which a sine is just seen to draw a row of images:
+factor x Hz ^ exponent + offset."""
 QUANTILE = 0.95
 """Share of the windows of a random message that lie below what is called its high end."""
 
@@ -127,9 +130,11 @@ def contrast_over_threshold(
 def stroboscopic_visibility(amplitudes: ArrayLike, viewing: Viewing) -> float:
     """Work out the stroboscopic visibility measure (SVM) of CIE TN 006: what moves in such light.
 
-    A moving thing, or a moved eye, turns flicker into a row of images. Thresholds of sines are
-    those of Perz, Sekulovski, Vogels and Heynderickx, JOSA A 35(2), 2018,
-    https://doi.org/10.1364/JOSAA.35.000309, for lamps that light a room.
+    A moving thing, or a moved eye, turns flicker into a row of images. Band, sum and thresholds are
+    those of IEC TR 63158:2018; the thresholds were measured by Perz, Sekulovski, Vogels and
+    Heynderickx, "Stroboscopic effect: contrast threshold function and dependence on illumination
+    level", JOSA A 35(2), 2018, https://doi.org/10.1364/JOSAA.35.000309, for lamps that light a
+    room with more than 100 lx, and movements of up to 4 m/s.
 
     Args:
         amplitudes: (T,) what is added to the picture at each refresh, in units of kappa: whole
@@ -146,7 +151,8 @@ def stroboscopic_visibility(amplitudes: ArrayLike, viewing: Viewing) -> float:
     light = viewing.light(viewing.gray_levels(amplitudes))
     lowest, highest = MOVING_HZ
     hz, contrast = flicker_spectrum(light / light.mean(), viewing.refresh_hz, highest)
-    over = contrast / (2.865e-5 * hz**1.543 + 0.225)
+    factor, exponent, offset = MOVING_THRESHOLD
+    over = contrast / (factor * hz**exponent + offset)
     return float((over[hz >= lowest] ** MOVING_EXPONENT).sum() ** (1 / MOVING_EXPONENT))
 
 

@@ -19,6 +19,7 @@ from sender.visibility.flicker import (
     contrast_over_threshold,
     flicker_spectrum,
     random_message,
+    stroboscopic_visibility,
 )
 from sender.visibility.viewing import Viewing
 
@@ -123,6 +124,14 @@ def test_a_sine_is_its_contrast_times_its_sensitivity() -> None:
     sensitivity = flicker_sensitivity(10.0, float(f"{mean:.3g}"), *view.degrees("block"))[0]
     expected = half / mean * sensitivity * np.sinc(10 / 600)
     np.testing.assert_allclose(seen, expected, rtol=1e-4)
+
+
+@cases((50, 0.0), (100, 1 / 0.260), (400, 1 / 0.522))
+def test_moving_eyes_see_a_sine_by_the_thresholds_of_iec_tr_63158(hz: int, over: float) -> None:
+    view = replace(ONE_GAZE, kappa=0.01, refresh_hz=6000, states_hz=6000)
+    sine = 0.5 * np.sin(2 * np.pi * hz * np.arange(6000) / 6000)
+    contrast = np.ptp(view.light([127.995, 128.005])) / 2 / view.light(128) * np.sinc(hz / 6000)
+    assert stroboscopic_visibility(sine, view) == pytest.approx(contrast * over, rel=2e-3, abs=1e-8)
 
 
 def test_a_square_wave_is_four_over_pi_of_its_half_swing() -> None:
