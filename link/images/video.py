@@ -48,12 +48,17 @@ SOUGHT_FRAMES = 1000
 MAX_GAP_S = 60.0
 """Largest time from one frame of a file to the next that is believed, seconds."""
 CONTAINERS = (
-    "asf,av1,avi,flv,gif,h264,hevc,ivf,jpeg_pipe,m4v,matroska,mjpeg,mov,mpeg,mpegts,mpegvideo,mxf,nut,"
-    "obu,ogg,yuv4mpegpipe"
+    "asf,av1,avi,flv,gif,h264,hevc,ivf,m4v,matroska,mov,mpeg,mpegts,mpegvideo,mxf,nut,obu,ogg,"
+    "yuv4mpegpipe"
 )
 """Kinds of files, by FFmpeg's names, that are read as videos: those that hold their frames. FFmpeg
 also follows playlists, which name other files and addresses, waits for more of them, and takes
 any text for a screen."""
+START_OF_JPEG = b"\xff\xd8"
+"""First bytes of a JPEG picture."""
+PICTURES = "jpeg_pipe,mjpeg"
+"""Kinds of files that are one JPEG picture after the other. They must begin with one: FFmpeg finds
+pictures in the midst of documents, archives and photographs of other kinds, too."""
 OPEN_OPTIONS = "OPENCV_FFMPEG_CAPTURE_OPTIONS"
 """Name of the environment variable from which OpenCV takes options whenever it opens a video."""
 # our one line says what is wrong; OpenCV asks for this when it first reads or writes a video
@@ -246,7 +251,10 @@ def _times_of(path: Path, most: int, sought_s: float | None = None) -> list[floa
 def _open_capture(path: Path) -> cv2.VideoCapture:
     """Open a video file that holds its own frames; the result may not be open."""
     usual = os.environ.get(OPEN_OPTIONS)
-    os.environ[OPEN_OPTIONS] = f"protocol_whitelist;file|format_whitelist;{CONTAINERS}"
+    kinds = CONTAINERS
+    with contextlib.suppress(OSError), path.open("rb") as file:
+        kinds += f",{PICTURES}" if file.read(2) == START_OF_JPEG else ""
+    os.environ[OPEN_OPTIONS] = f"protocol_whitelist;file|format_whitelist;{kinds}"
     try:
         return cv2.VideoCapture(_as_file(path), cv2.CAP_FFMPEG)
     finally:

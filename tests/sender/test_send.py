@@ -464,6 +464,14 @@ def test_kinds_that_are_not_read_are_named(
         open_pictures(tmp_path / name, 10)
 
 
+@cases("pages.pdf", "slides.pptx")
+def test_a_picture_within_another_file_is_no_film(name: str, tmp_path: Path) -> None:
+    picture = cv2.imencode(".jpg", np.zeros((96, 128, 3), np.uint8))[1].tobytes()
+    (tmp_path / name).write_bytes(b"%PDF-1.4\n" + bytes(99) + 3 * picture)
+    with pytest.raises(InputError, match=f"{name}: not a readable video"):
+        open_pictures(tmp_path / name, 10)
+
+
 def test_a_picture_that_is_much_enlarged_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     note_coarse((300, 300), (512, 512))
     assert capsys.readouterr().err == ""
