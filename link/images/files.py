@@ -81,6 +81,11 @@ def read_picture(path: Path | str) -> Picture:
                 )
             if file.format in ("JPEG", "MPO") and file.fp is not None:
                 _check_scans(path, data[file.fp.tell() :])
+            if file.format == "TIFF" and file.mode in ("I", "F"):
+                raise InputError(
+                    f"{path}: its white is not known, as its levels have 32 bits or a sign; save "
+                    "it with 8 or 16 bits"
+                )
             profile = file.info.get("icc_profile")
             rgb, see_through = _on_white(ImageOps.exif_transpose(file))
     except UnidentifiedImageError:

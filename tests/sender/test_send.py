@@ -472,6 +472,13 @@ def test_a_picture_within_another_file_is_no_film(name: str, tmp_path: Path) -> 
         open_pictures(tmp_path / name, 10)
 
 
+@cases(np.float32, np.int32)
+def test_levels_whose_white_is_not_known_are_refused(kind: type, tmp_path: Path) -> None:
+    Image.fromarray(np.ones((96, 128), kind)).save(tmp_path / "deep.tif")
+    with pytest.raises(InputError, match=r"deep\.tif: its white is not known.* 8 or 16 bits"):
+        open_pictures(tmp_path / "deep.tif", 10)
+
+
 def test_a_picture_that_is_much_enlarged_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     note_coarse((300, 300), (512, 512))
     assert capsys.readouterr().err == ""
