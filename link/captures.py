@@ -3,6 +3,7 @@
 import hashlib
 import io
 import json
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -38,6 +39,8 @@ KNOWN = {
     "sha256",
 }
 """Keys of a manifest line that the format defines; `link.frames.Captured.meta` takes all others."""
+BELOW = {"view_deg": 90.0, "time_s": math.inf, "end_s": math.inf}
+"""Further keys that hold numbers, and what these, with a minus or without, are below."""
 
 
 @dataclass(frozen=True)
@@ -282,10 +285,10 @@ def _meta(entry: dict[str, Any]) -> dict[str, Any]:
     for key in ("pair", "picture", "film"):
         if not isinstance(meta.get(key, ""), str):
             raise InputError(f"{key} must be text, got {meta[key]!r:.60}")
-    for key in ("view_deg", "time_s", "end_s"):
+    for key, most in BELOW.items():
         number = meta.get(key)
-        if number is not None and (type(number) not in (int, float) or not np.isfinite(number)):
-            raise InputError(f"{key} must be a finite number, got {number!r:.60}")
+        if number is not None and not (type(number) in (int, float) and abs(number) < most):
+            raise InputError(f"{key} must be a number below {most:g}, got {number!r:.60}")
     return meta
 
 

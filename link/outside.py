@@ -54,7 +54,7 @@ def parse_json(text: bytes | str, where: str) -> Any:
         raise InputError(f"{where}: longer than {MAX_JSON_BYTES} bytes; no such JSON is read")
     if isinstance(text, bytes):
         try:
-            text = text.decode()
+            text = text.decode("utf-8-sig")  # some editors begin with a mark
         except UnicodeDecodeError:
             raise InputError(f"{where}: not a text file in UTF-8") from None
 

@@ -22,7 +22,7 @@ from link.images import image_files, write_bytes
 from link.images.files import read_image
 from link.layout import Layout
 from link.observation import Observation
-from link.outside import is_file
+from link.outside import is_file, read_json
 from models.film.window import reads_films
 from receiver.receiver import STILL
 from receiver.sources import open_source
@@ -30,6 +30,7 @@ from receiver.tracking.two_images import find_in_both, state_change
 from reports.captured.receive import Cut, Reception, open_readers, receive_film
 from reports.captured.sent import Sent, read_sent, sent_of
 from reports.captured.truth import Match, match_loop
+from reports.engine.checked import checked
 from reports.engine.digest import file_digest, short_digest
 
 FILMS = "films.json"
@@ -91,12 +92,14 @@ class Recordings:
                 where.
         """
         if is_file(folder / MANIFEST):
-            return list(json.loads((folder / FILMS).read_text())["notes"])
+            content = read_json(folder / FILMS)
+            notes = content.get("notes") if isinstance(content, dict) else None
+            return checked(list[str], notes, str(folder / FILMS))
         captures: list[Known] = []
         seen: list[dict[str, Any]] = []
-        notes: list[str] = []
+        notes = []
         for film, shown in self.films:
-            angle = re.search(r"(\d+)deg", film.stem)
+            angle = re.search(r"(?<!\d)([0-8]?\d)deg", film.stem)
             meta = {"film": film.name} | ({"view_deg": float(angle[1])} if angle else {})
             meta = {"pair": film.stem} | meta | self.meta
             try:

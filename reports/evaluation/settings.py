@@ -13,7 +13,8 @@ import tyro
 
 from data_gen.flags import LayoutFlags, SourceFlags, own_first
 from data_gen.pairs import PAIRS
-from link.errors import InputError, at_least, choose, each_once
+from link.captures import BELOW
+from link.errors import InputError, ParameterError, at_least, choose, each_once
 from link.layout import Layout
 from models import OF_PAIRS
 from reports.engine.methods import Method
@@ -135,6 +136,8 @@ def check_settings(config: EvaluateConfig) -> None:
         raise InputError("--sent: is about own recordings, and needs --captures")
     if flag := first_set(config, OF_RECORDINGS if None in needed else ()):
         raise InputError(f"--{flag}: is about own recordings, and needs --captures and --sent")
+    if config.view is not None and not abs(config.view) < BELOW["view_deg"]:
+        raise ParameterError("view", f"need an angle below 90 degrees, got {config.view:g}")
     if config.show is not None and config.captures is None:
         raise InputError("--show: draws captures, so it needs --captures")
     if config.captures is not None and config.layout() != EvaluateConfig().layout():

@@ -120,9 +120,12 @@ def test_frames_need_no_sha256(folder: Path) -> None:
     np.testing.assert_array_equal(loaded.embedded, UNKNOWN.original)
 
 
-def test_empty_lines_of_a_manifest_are_passed_over(folder: Path) -> None:
+@pytest.mark.parametrize("first", ["\n", "\ufeff"])
+def test_empty_lines_of_a_manifest_and_a_mark_of_utf_8_are_passed_over(
+    folder: Path, first: str
+) -> None:
     file = folder / MANIFEST
-    file.write_text("\n" + file.read_text().replace("\n", "\n  \n"))
+    file.write_text(first + file.read_text().replace("\n", "\n  \n"))
     assert len(load(folder)) == 2
 
 
@@ -143,6 +146,7 @@ FIELDS: list[tuple[dict[str, Any], str]] = [
     ({"corners_embedded": [["a", "b"]]}, "corners"),
     ({"bits": [0, 1]}, "layout carries 14, the manifest lists 2"),
     ({"bits": [2] * 14}, "bits"),
+    ({"view_deg": -90}, "view_deg must be a number below 90, got -90"),
     ({"kappa": 0}, "kappa"),
     ({"kappa": 2.5}, "kappa"),
     ({"kappa": True}, "kappa"),
