@@ -6,6 +6,7 @@ camera's own stamps where it has any.
 
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from threading import Event, Thread
 from time import perf_counter
@@ -111,12 +112,15 @@ class Camera:
                 remedy = "check the address, or record the stream: ffmpeg -i ADDRESS -t 20 film.mkv"
             raise InputError(f"{self._name}: cannot be opened; {remedy}")
         if isinstance(where, int):
-            capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter_fourcc(*FORMAT))  # type: ignore[attr-defined,unused-ignore]
-            for side, pixels in zip(
-                (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT), size or SIZE, strict=True
+            width, height = size or SIZE
+            for what, value in (
+                (cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*FORMAT)),
+                (cv2.CAP_PROP_FRAME_WIDTH, width),
+                (cv2.CAP_PROP_FRAME_HEIGHT, height),
+                (cv2.CAP_PROP_FPS, asked_fps or HIGHEST_FPS),
             ):
-                capture.set(side, pixels)
-            capture.set(cv2.CAP_PROP_FPS, asked_fps or HIGHEST_FPS)
+                with suppress(cv2.error):  # it gives what it has
+                    capture.set(what, value)
         width, height = (
             int(capture.get(side)) for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
         )

@@ -59,6 +59,9 @@ START_OF_JPEG = b"\xff\xd8"
 PICTURES = "jpeg_pipe,mjpeg"
 """Kinds of files that are one JPEG picture after the other. They must begin with one: FFmpeg finds
 pictures in the midst of documents, archives and photographs of other kinds, too."""
+TO_RGB = {(): cv2.COLOR_GRAY2RGB, (3,): cv2.COLOR_BGR2RGB, (4,): cv2.COLOR_BGRA2RGB}
+"""OpenCV's codes of how a frame becomes RGB, by its channels; frames that a camera gives as they
+are, such as YUYV, are not read."""
 OPEN_OPTIONS = "OPENCV_FFMPEG_CAPTURE_OPTIONS"
 """Name of the environment variable from which OpenCV takes options whenever it opens a video."""
 # our one line says what is wrong; OpenCV asks for this when it first reads or writes a video
@@ -287,10 +290,9 @@ def next_frame(capture: cv2.VideoCapture) -> NDArray[np.uint8] | None:
         got, image = capture.read()
     except cv2.error:
         return None
-    if not got or image is None or image.ndim not in (2, 3):
+    if not got or image is None or image.dtype != np.uint8 or image.shape[2:] not in TO_RGB:
         return None
-    code = cv2.COLOR_GRAY2RGB if image.ndim == 2 else cv2.COLOR_BGR2RGB
-    return np.asarray(cv2.cvtColor(image, code), np.uint8)
+    return np.asarray(cv2.cvtColor(image, TO_RGB[image.shape[2:]]), np.uint8)
 
 
 def read_video(path: Path | str) -> Iterator[NDArray[np.uint8]]:

@@ -144,6 +144,7 @@ class FakeCamera(ToldTimes):
 
     def set(self, what: int, value: float) -> None:
         self.asked.append((what, value))
+        raise cv2.error("this camera cannot be asked")
 
 
 def test_a_camera_is_asked_for_what_reads_well_and_says_what_it_gives(
@@ -160,9 +161,10 @@ def test_a_camera_is_asked_for_what_reads_well_and_says_what_it_gives(
         assert frame.time == pytest.approx(int(frame.name.removeprefix("frame ")) / 10)
     assert frames[-1].time == pytest.approx(0.4)
     assert "camera 3 returns no more frames; is it unplugged?" in capsys.readouterr().err
-    monkeypatch.setattr(FakeCamera, "times", ())
-    with pytest.raises(InputError, match="camera 0: returns no frames"):
-        list(open_source("0").frames)
+    for as_it_is in (np.zeros((16, 16, 2), np.uint8), np.zeros((16, 16, 3), np.float32)):
+        monkeypatch.setattr(FakeCamera, "read", lambda _, image=as_it_is: (True, image))
+        with pytest.raises(InputError, match="camera 0: returns no frames"):
+            list(open_source("0").frames)
 
 
 def test_a_film_at_an_address_is_read_whole(tmp_path: Path) -> None:
