@@ -121,11 +121,17 @@ def read_predictions(file: Path) -> pd.DataFrame:
     """Read the table of predictions from a file of a run, each line of it checked.
 
     Raises:
-        InputError: the file is missing, or a line is not a `Prediction`.
+        InputError: the file is missing, a line is not a `Prediction`, or one is there twice, which
+            would count its bits twice.
     """
-    return to_records(
+    table = to_records(
         vars(checked(Prediction, line, where)) for where, line in read_json_lines(file)
     )
+    twice = table[table.duplicated(["condition", "method", *FRAME])]
+    if len(twice):
+        number, method = twice.iloc[0][["index", "method"]]
+        raise InputError(f"{file}: holds frame pair {number} twice for {method}")
+    return table
 
 
 def stored_predictions(file: Path) -> list[dict[str, Any]]:
