@@ -75,6 +75,7 @@ const key = new Uint8Array(16);
 const settings = [
   null, { models: "robust" }, { models: [] }, { models: ["paper"] }, { key: "x".repeat(20) },
   { key: key.subarray(9) }, { maxAgeS: 4 }, { key, maxAgeS: NaN }, { frameMs: -1 },
+  { model: ["hidden"] }, { models: ["fast", "fast"] }, { models: [Symbol()] }, { scores: "no" },
 ];
 for (const fps of [0, NaN, "30", undefined, Infinity]) await tell(() => of(fps));
 for (const options of settings) await tell(() => of(30, options));
@@ -91,6 +92,9 @@ const worker = { postMessage: (data) => self.onmessage({ data }), terminate: () 
 globalThis.self = { postMessage: (data) => setTimeout(() => worker.onmessage({ data })) };
 await import("./node_modules/oorc-receiver/worker.js");
 const events = [];
+const wrong = [null, { folder: 5 }, { worker: "worker.js" }];
+await tell(() => new LiveReceiver(30, null));
+for (const options of wrong) await tell(() => new LiveReceiver(30, () => 0, options));
 const live = new LiveReceiver(30, (event) => events.push(event.event), { worker });
 live.push(good, 0);
 const early = live.explanation(); // is asked for while the frame is read
@@ -115,11 +119,12 @@ def test_all_that_is_wrong_is_refused_at_the_door_with_a_code(
         "|",
         *["time"] * 8,
         "|",
-        *["argument"] * 14,
+        *["argument"] * 18,
         "|",
         *["finished"] * 2,
         *["none"] * 3,
         "|",
+        *["argument"] * 4,
         *[True, True, "end"],
         *["finished"] * 2,
     ]

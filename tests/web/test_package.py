@@ -143,6 +143,7 @@ def finished() -> None:
     ],
     (lambda: Receiver(30, max_age_s=3), "argument", "give a key"),
     (lambda: Receiver(30, threads=1.5), "argument", "threads"),
+    (lambda: Receiver(30, scores="no"), "argument", "need True or False"),
     (lambda: Receiver(30, threads=0), "argument", "threads"),
     (lambda: Receiver(30, models="paper"), "argument", "a list of presets"),
     (lambda: Receiver(30, models=["nothing"]), "model", "nothing: no such model; name one of pap"),
@@ -155,7 +156,7 @@ def finished() -> None:
     ],
     *[
         (lambda time=time: pushed(time), "time", "finite number")
-        for time in (np.nan, None, "0", 10**400)
+        for time in (np.nan, None, "0", 10**400, np.timedelta64(1, "s"))
     ],
     (lambda: pushed(1, 0.5), "time", "must rise"),
     (lambda: pushed(0, 33.3, 66.7, 100), "time", "33.3 s apart.*not milliseconds"),

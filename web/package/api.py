@@ -122,6 +122,8 @@ class Receiver:
                     raise ParameterError(
                         "max_age_s", "only a message with a key has an age; give a key"
                     )
+            if not isinstance(scores, (bool, np.bool_)):
+                raise ParameterError("scores", f"need True or False, got {scores!r:.60}")
             verifier = None if key is None else Verifier(key, max_age_s)
         decoders, film = _open(models, threads)
         with _coded("argument"):
@@ -388,7 +390,7 @@ def _coded(code: str) -> Iterator[None]:
 def _number(parameter: str, value: Any) -> None:
     """Raise a `ParameterError` where a value is no finite number."""
     is_number = isinstance(value, (int, float, np.integer, np.floating))
-    if not is_number or isinstance(value, bool) or not abs(value) < LARGEST:
+    if not is_number or isinstance(value, (bool, np.timedelta64)) or not abs(value) < LARGEST:
         raise ParameterError(parameter, f"need a finite number, got {value!r:.60}")
 
 

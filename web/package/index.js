@@ -108,18 +108,25 @@ export class Receiver {
     if (options === null || typeof options !== "object") {
       throw new InputError("argument", `options: need an object, got ${options}`);
     }
-    const { models, key = null, maxAgeS = null, scores = false, frameMs } = options;
+    const { models, key = null, maxAgeS = null, scores = false, frameMs, ...others } = options;
+    const [unknown] = Object.keys(others);
+    if (unknown !== undefined) {
+      throw new InputError("argument", `options: ${unknown} is none of models, key, maxAgeS, scores, frameMs`);
+    }
     checkNumber("fps", fps, imagesVideo.MIN_FPS, imagesVideo.MAX_FPS);
     if (frameMs !== undefined && frameMs !== Infinity) checkNumber("frameMs", frameMs, 0, 1e9);
     if (maxAgeS !== null) checkNumber("maxAgeS", maxAgeS, 0, Infinity);
-    if (models !== undefined && !(Array.isArray(models) && models.length)) {
-      throw new InputError("argument", "models: need an array of names, such as ['hidden']");
+    if (models !== undefined && !(Array.isArray(models) && models.length && new Set(models).size === models.length)) {
+      throw new InputError("argument", "models: need an array of names, each once, such as ['hidden']");
+    }
+    if (typeof scores !== "boolean") {
+      throw new InputError("argument", `scores: need true or false, got ${asText(scores)}`);
     }
     const wanted = (models ?? [...layouts.keys()]).map((name) => {
       const layout = layouts.get(name);
       if (layout) return layout;
       const read = [...layouts.keys()].join(", ");
-      throw new InputError("argument", `models: ${name} is none of ${read}, which this package reads`);
+      throw new InputError("argument", `models: ${asText(name)} is none of ${read}, which this package reads`);
     });
     if (key !== null && !(key instanceof Uint8Array)) {
       throw new InputError("argument", `key: need a Uint8Array or null, got ${typeof key}`);
@@ -130,7 +137,7 @@ export class Receiver {
     this.#receiver = new FrameReceiver(wanted, film, fps, frameMs);
     const verifier = coded("argument", () => key && new Verifier(key, maxAgeS));
     this.#inbox = new Inbox(verifier);
-    this.#scores = Boolean(scores);
+    this.#scores = scores;
     this.#period = 1 / fps;
   }
 
@@ -258,7 +265,8 @@ function checkNumber(name, value, least, most) {
 
 /** @param {unknown} value @returns {string} the value as messages show it, so that "1" is not 1 */
 function asText(value) {
-  return typeof value === "string" ? JSON.stringify(value) : String(value);
+  if (typeof value === "string") return JSON.stringify(value);
+  return value && typeof value === "object" ? Object.prototype.toString.call(value) : String(value);
 }
 
 /** @param {Frame} frame */

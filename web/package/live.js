@@ -1,6 +1,6 @@
 /** A receiver in a worker of its own, so that neither the page nor its camera waits for it. */
 
-import { InputError } from "./errors.js";
+import { coded, InputError } from "./errors.js";
 
 /** @typedef {import("../generated/events.js").FilmEvent} FilmEvent */
 /** @typedef {import("./index.js").Frame} Frame */
@@ -39,8 +39,15 @@ export class LiveReceiver {
    * @param {Options & { folder?: string | URL, worker?: Worker }} [options] - those of `Receiver`; the
    *   folder that `load` takes; and a worker that runs this package's worker.js, in place of one
    *   that is started here
+   * @throws {InputError} an argument is of a wrong type; those of `Receiver` are looked at in the worker
    */
-  constructor(fps, onEvent, { folder, worker, ...options } = {}) {
+  constructor(fps, onEvent, options = {}) {
+    const { folder, worker, ...others } = options ?? {};
+    const sound = typeof onEvent === "function" && options !== null && typeof options === "object";
+    if (!sound || (worker !== undefined && typeof worker.postMessage !== "function")) {
+      throw new InputError("argument", "give a function that takes events, and options, whose worker is a Worker");
+    }
+    const address = coded("argument", () => folder && new URL(folder, globalThis.location?.href).href);
     this.#onEvent = onEvent;
     this.#worker = worker ?? new Worker(new URL("./worker.js", import.meta.url), { type: "module" });
     this.#worker.onmessage = ({ data: { result, error } }) => {
@@ -52,8 +59,7 @@ export class LiveReceiver {
       const error = new InputError("load", event.message || "worker.js could not be loaded");
       for (const asked of this.#asked.splice(0)) asked.reject(error);
     };
-    const address = folder && new URL(folder, globalThis.location?.href).href;
-    this.#reading = this.#run(this.#ask("start", [fps, options, address]).then(() => []));
+    this.#reading = this.#run(this.#ask("start", [fps, others, address]).then(() => []));
   }
 
   /**
@@ -100,7 +106,7 @@ export class LiveReceiver {
   /** Let go of the frame that waits. */
   #drop() {
     if (!this.#waiting) return;
-    if ("close" in this.#waiting.frame) this.#waiting.frame.close();
+    if (isClosed(this.#waiting.frame)) this.#waiting.frame.close();
     this.#waiting = null;
     this.passedOver++;
   }
@@ -114,7 +120,7 @@ export class LiveReceiver {
         if (!this.#waiting) break;
         const { frame, time } = this.#waiting;
         this.#waiting = null;
-        answer = this.#ask("push", [frame, time], "close" in frame ? [frame] : []);
+        answer = this.#ask("push", [frame, time], isClosed(frame) ? [frame] : []);
       }
     } catch (error) {
       const why = error instanceof Error ? error.message : String(error);
@@ -136,4 +142,9 @@ export class LiveReceiver {
       this.#asked.push({ resolve, reject });
     });
   }
+}
+
+/** @param {Frame} frame @returns {frame is VideoFrame} whether it is one that must be closed */
+function isClosed(frame) {
+  return typeof (/** @type {any} */ (frame)?.close) === "function";
 }
