@@ -100,6 +100,10 @@ export function shareOf(corners, { width, height }) {
   return Math.abs(twice) / 2 / (width * height);
 }
 
+/** What browsers and onnxruntime say of a file of the site that is gone, cut off, or another one. */
+export const DAMAGED =
+  /missing on the server|magic word|past end|unexpected end|not valid JSON|dynamically imported|load model/i;
+
 /**
  * Say why the receiver will never work, and what to do.
  *
@@ -115,6 +119,13 @@ export function failureOf(reason) {
       "This page's server forbids the receiver",
       "It lets no page run WebAssembly. Who runs the server adds 'wasm-unsafe-eval' to script-src " +
         "in its Content-Security-Policy.",
+    ];
+  }
+  if (DAMAGED.test(reason)) {
+    return [
+      "A part of this page is missing",
+      "Its server lacks a file of the receiver, or has a damaged one. Reload this page; if that does " +
+        `not help, tell who runs the server: ${sentence(reason)}`,
     ];
   }
   return ["The receiver cannot work in this browser", `${sentence(reason)} Try a newer browser.`];

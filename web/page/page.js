@@ -2,7 +2,7 @@
 
 import { codeAuthenticate } from "../generated/constants.js";
 import { textOf, utf8Of } from "../port/link/code/message.js";
-import { adviceFor, barOf, cameraTrouble, failureOf, stateOf } from "./advice.js";
+import { adviceFor, barOf, cameraTrouble, DAMAGED, failureOf, stateOf } from "./advice.js";
 import { LONG } from "../port/receiver/diagnosis.js";
 import { cameraControls, listCameras, openCamera, shortenExposure } from "./camera.js";
 import { filmFrames } from "./films.js";
@@ -82,7 +82,7 @@ const reception = new Reception({
   },
   failed(reason) {
     stop();
-    if (reason === RENEWED) say(...failureOf(reason));
+    if (reason === RENEWED || DAMAGED.test(reason)) say(...failureOf(reason));
     else if (!sayFailure()) say("The receiver has stopped", sentence(reason));
   },
   step: showStep,
