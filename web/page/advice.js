@@ -124,8 +124,8 @@ export function failureOf(reason) {
   if (DAMAGED.test(reason)) {
     return [
       "A part of this page is missing",
-      "Its server lacks a file of the receiver, or has a damaged one. Reload this page; if that does " +
-        `not help, tell who runs the server: ${sentence(reason)}`,
+      "Its server lacks a file of this page, or has a damaged one. Reload it; if that does " +
+        `not help, tell who runs the server: ${reason}`,
     ];
   }
   return ["The receiver cannot work in this browser", `${sentence(reason)} Try a newer browser.`];

@@ -5,7 +5,7 @@ import { encodeQR } from "qr";
 import { codeAuthenticate, senderCarrying, senderCompact } from "../generated/constants.js";
 import { framesNeeded } from "../port/link/code/framing.js";
 import { InputError } from "../port/link/errors.js";
-import { failureOf } from "./advice.js";
+import { DAMAGED, failureOf } from "./advice.js";
 import { carriedShare, openFilm, openPicture, pixelsOf, sizeOf } from "../port/sender/picture.js";
 import {
   addressOf, checkVersion, download, keepForOffline, load, remember, remembered, RENEWED, started,
@@ -21,8 +21,14 @@ const { MIN_KEY_BYTES, MAX_KEY_BYTES, MAX_STAMP, STAMP_BYTES, TAG_BYTES } = code
 
 /** @param {string} id @returns {any} */
 const byId = (id) => document.getElementById(id);
+const program = new Worker(addressOf("sending.js"), { type: "module" });
 /** @type {Remote<Sending>} */
-const worker = wrap(new Worker(addressOf("sending.js"), { type: "module" }));
+const worker = wrap(program);
+/** Is rejected where the worker's program does not run. @type {Promise<never>} */
+const broken = new Promise((_, reject) => {
+  program.onerror = () => reject(new Error("sending.js is missing on the server"));
+});
+broken.catch(() => {}); // it is said where a loop is wanted
 /** The chosen picture or film; each choice replaces the one before. */
 let picture = drawn("noon");
 /** Whether the preview shows the first picture of a film, which tells nothing of the others. */
@@ -60,7 +66,7 @@ document.addEventListener("securitypolicyviolation", ({ effectiveDirective: part
 function sayError(error) {
   if (forbidden) return say(forbidden, true);
   const why = error instanceof Error ? error.message : String(error);
-  const unknown = why === RENEWED ? failureOf(why).join(": ") : `This did not work: ${why}`;
+  const unknown = why === RENEWED || DAMAGED.test(why) ? failureOf(why).join(": ") : `This did not work: ${why}`;
   say(error instanceof InputError ? why : unknown, true);
 }
 
@@ -246,7 +252,7 @@ function onClick(id, use) {
     try {
       const reader = readerOf();
       await checkVersion();
-      const loop = Object.assign(await makeLoop(), reader);
+      const loop = Object.assign(await Promise.race([makeLoop(), broken]), reader);
       say("");
       await use(loop);
     } catch (error) {
@@ -291,7 +297,12 @@ onClick("show", async (loop) => {
   Object.assign(window, { loop, endShow });
   byId("stage").replaceChildren(frame);
   showStage(true);
-  frame.addEventListener("load", () => frame.contentWindow?.focus());
+  frame.addEventListener("load", () => {
+    frame.contentWindow?.focus();
+    if (/** @type {any} */ (frame.contentWindow)?.player) return;
+    endShow();
+    sayError(new Error("player.html is missing on the server"));
+  });
   await byId("stage").requestFullscreen?.({ navigationUI: "hide" }).catch(() => {});
 });
 

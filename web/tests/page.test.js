@@ -219,7 +219,7 @@ test("why the receiver will not work is said without jargon", () => {
     ["WebAssembly.instantiate(): Compiling or instantiating WebAssembly module violates the following Content Security policy directive because neither 'wasm-eval' nor 'unsafe-eval' is an allowed source", /server forbids/],
     ["call to WebAssembly.instantiate() blocked by CSP", /server forbids/],
     ["this page is older than what its server has now", /renewed: .*Reload/],
-    ["opencv.wasm is missing on the server", /part .* is missing: .*Reload.*Opencv\.wasm is missing/],
+    ["opencv.wasm is missing on the server", /part .* is missing: .*Reload.*opencv\.wasm is missing/],
     ["WebAssembly.instantiate(): expected magic word 00 61 73 6d, found 3c 21 64 6f", /damaged one/],
     ["no WebAssembly", /in this browser: No WebAssembly\. Try/],
   ]) {
