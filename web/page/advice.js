@@ -128,7 +128,7 @@ export function failureOf(reason) {
         `not help, tell who runs the server: ${reason}`,
     ];
   }
-  return ["The receiver cannot work in this browser", `${sentence(reason)} Try a newer browser.`];
+  return ["The receiver cannot work in this browser", `${sentence(reason)} Try to reload this page, or a newer browser.`];
 }
 
 /**
