@@ -18,6 +18,8 @@ TOO_FAST = 0.8
 """States a camera frame from which most exposures mix two states."""
 MIXED = 0.5
 """Share of the blocks' scores that mixing must have cost to be named as the cause."""
+ENOUGH = 1.3
+"""Share of the needed information from which bits must be wrong where no message came."""
 LONG = 1.4
 """Length of an exposure, in states, from which a shorter one is advised."""
 CUT = 0.97
@@ -77,6 +79,8 @@ WORDS = {
     "long": "; each exposure lasts for {exposed:.1f} of the display's states, which blurs them: "
     "one of 1/{state_hz:.0f} s or less reads faster",
     "too little": "; film longer or closer, or send with a larger kappa",
+    "wrong": ", so some of it is wrong: parts of the display may be too bright, or covered; film "
+    "with a shorter exposure, or from another place",
 }
 """Parts of the line by what was seen, with places for numbers as `str.format` takes them. The page
 fills them in, too."""
@@ -173,7 +177,7 @@ def _causes(seen: Observations, slow: list[str]) -> list[str]:
         if seen.exposed > LONG:
             return ["pairs", "long"]
         if slow or coded or seen.state_hz is None or seen.state_hz <= TOO_FAST * seen.fps:
-            return ["pairs", *(slow or ["too little"])]
+            return ["pairs", *(slow or ["wrong" if seen.progress > ENOUGH else "too little"])]
         return ["pairs", "too fast" if seen.mixed > MIXED else "many states"]
     if slow:
         return slow

@@ -47,6 +47,7 @@ FOUND = Observations(fps=30, frames=210, found=180, seconds=6.1, level=90.0)
         replace(FOUND, state_hz=29.9, decoded=80, mixed=0.8, progress=0.3),
         ["80 frame pairs gave 30%", "29.9 states a second", "takes 30 frames", "send at 15"],
     ),
+    (replace(FOUND, state_hz=15.0, decoded=9, progress=2.1), ["gave 210% of the", "is wrong"]),
     (
         replace(FOUND, state_hz=15.0, decoded=40, mixed=0.1, progress=0.72),
         ["40 frame pairs gave 72%", "film longer or closer"],

@@ -6,7 +6,7 @@ import { MIN_FRAMES, MIN_TOGGLE } from "./timing/synchronise.js";
 
 export const {
   DARK, BRIGHT, CLIPPED, NOISE_STRENGTH, TOO_FAST, LONG, CUT, DIMMED, OFTEN, PRESET_HZ, LEAST_FPS,
-  PRESET_FPS, WORDS,
+  PRESET_FPS, WORDS, ENOUGH,
 } = receiverDiagnosis;
 
 /**
@@ -119,7 +119,7 @@ function causesOf(seen, slow) {
   if (seen.decoded > 0) {
     if (seen.exposed > LONG) return ["pairs", "long"];
     if (slow.length || isCoded || stateHz === null || stateHz <= TOO_FAST * seen.fps) {
-      return ["pairs", ...(slow.length ? slow : ["too little"])];
+      return ["pairs", ...(slow.length ? slow : [seen.progress > ENOUGH ? "wrong" : "too little"])];
     }
     return ["pairs", "many states"];
   }
