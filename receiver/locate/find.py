@@ -4,7 +4,8 @@ Where the layout has ratex patches, these tell which candidate is the display, w
 and where its corners are to sub-pixels. Without patches the likeliest candidate is taken.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,20 +49,20 @@ hand."""
 SPOT_QUADS, PARTIAL_QUADS = 30, 8
 """Largest numbers of quadrilaterals that are made from patches alone: of a display that is in view,
 and of one that is partly so. They bound the work of a search that finds nothing; chosen by hand."""
-ALL_TURNS = (0, 1, 2, 3)
-"""Quarter turns by which a quadrilateral's corner order may differ from the displayed picture's."""
-SURE_CORRELATION = 0.93
-"""Correlation of the patches at which no further candidate is tried; above what is needed
-(`receiver.locate.refine.FEW_PATCHES_CORRELATION`) for any number of patches. Chosen by hand."""
-PROMISING = 0.55
-"""Mean correlation of single patches near their places that is worth aligning: true displays had
-0.69 and more, turned ones up to 0.65."""
+WHOLE = (0.55, 2, 0.93)
+"""What it takes to find a whole display: mean correlation of single patches near their places that
+is worth aligning, of which true displays had 0.69 and more, turned ones up to 0.65; number of a
+quadrilateral's quarter turns that are aligned, the most promising ones; and correlation of the
+patches at which no further quadrilateral is tried, above what is needed
+(`receiver.locate.refine.FEW_PATCHES_CORRELATION`) for any number of patches, chosen by hand."""
+PARTLY = (0.65, 1, 0.0)
+"""The same for a display of which some patches are out of view. More promise is wanted, because
+fewer patches match by chance more easily; of the guesses of a quadrilateral's perspective the most
+promising one is aligned; and whatever then shows the patches well enough is taken. Chosen by
+hand."""
 LEAVING_QUADS = 6
 """Largest number of quadrilaterals of lines that leave the image. It bounds the work of a search
 that finds nothing; chosen by hand."""
-PROMISING_PARTLY = 0.65
-"""Mean correlation of the patches in view that is worth aligning where some are out of view: more
-than `PROMISING`, because fewer patches match by chance more easily. Chosen by hand."""
 REFINE_WORK, COMBINE_WORK = 20, 15
 """Units of work (`link.steps`) of an alignment, and of combining patches: about the milliseconds
 that they take of one core."""
@@ -107,15 +108,13 @@ def is_at(corners: Corners, places: Sequence[Corners]) -> bool:
 
 
 def search_steps(
-    image: Image, layout: Layout | None = None, partly: bool = True, avoid: Sequence[Corners] = ()
+    image: Image, layout: Layout | None = None, avoid: Sequence[Corners] = ()
 ) -> Steps[Located | None]:
     """Find the lit display in an image step by step.
 
     Args:
         image: an `Image`; it must stay as it is until the end.
         layout: layout of what is displayed; its ratex patches tell the orientation.
-        partly: whether a display that is partly in view, or whose patches are partly covered, is
-            sought, too.
         avoid: pixels of displays with patches that are not to be found.
 
     Returns:
@@ -126,31 +125,33 @@ def search_steps(
     candidates = yield from candidate_steps(image)
     if layout is None or not layout.ratex:
         return _likeliest(image, candidates)
-    pyramid = image_pyramid(as_gray(image))
+    best_match = partial(_best_match, image, image_pyramid(as_gray(image)), layout, avoid)
     corners = [candidate.corners for candidate in candidates]
-    found = yield from _best_on_patches(image, pyramid, layout, corners[:LIKELY], ALL_TURNS, avoid)
+    found = yield from best_match(map(_turned, corners[:LIKELY]))
     if found is None and corner_cells(layout):
         small, scale = small_copy(image)
         gray = as_gray(small)
         spots = yield from spot_steps(gray, layout)
         quads = on_full_image(whole_quads(spots, layout, gray.shape, SPOT_QUADS), scale)
         yield COMBINE_WORK
-        found = yield from _best_on_patches(
-            image, pyramid, layout, list(quads), ALL_TURNS[:1], avoid
-        )
-        if found is None and partly:
+        found = yield from best_match(quads[:, None])
+        if found is None:
             bent = on_full_image(partial_quads(spots, layout, gray.shape, PARTIAL_QUADS), scale)
             yield COMBINE_WORK
-            found = yield from _best_partial(image, pyramid, layout, bent, avoid)
+            found = yield from best_match(map(partial(_sound, image), bent), partly=True)
     if found is None:
-        found = yield from _best_on_patches(
-            image, pyramid, layout, corners[LIKELY:], ALL_TURNS, avoid
-        )
-    if found is None and partly:
+        found = yield from best_match(map(_turned, corners[LIKELY:]))
+    if found is None:
         leaving = leaving_quads(image, LEAVING_QUADS)
         yield LINES_WORK
-        found = yield from _best_on_patches(image, pyramid, layout, leaving, ALL_TURNS, avoid)
+        found = yield from best_match(map(_turned, leaving))
     return found
+
+
+def _sound(image: Image, guesses: NDArray[np.float64]) -> list[Corners]:
+    """List those of (M, 4, 2) guesses that a display which is partly in view may have."""
+    guesses = guesses[np.isfinite(guesses).all(axis=(1, 2))]
+    return list(guesses[is_sound(guesses, image.shape[1], image.shape[0], MAX_OUTSIDE)])
 
 
 def _likeliest(image: NDArray[np.uint8], candidates: Sequence[Located]) -> Located | None:
@@ -164,64 +165,45 @@ def _likeliest(image: NDArray[np.uint8], candidates: Sequence[Located]) -> Locat
     return Located(upright(corners[None])[0], candidates[0].score)
 
 
-def _best_on_patches(
-    image: NDArray[np.uint8],
-    pyramid: Pyramid,
-    layout: Layout,
-    quads: Sequence[NDArray[np.float64]],
-    turns: tuple[int, ...],
-    avoid: Sequence[Corners],
-) -> Steps[Located | None]:
-    """Find the best match of the patches, or the first certain one; None if nothing matches."""
-    best: Located | None = None
-    for quad in quads:
-        turned = [np.roll(quad, -turn, axis=0) for turn in turns]
-        promise = [search_patches(pyramid, corners, layout)[0] for corners in turned]
-        work = len(turns)
-        for turn in np.argsort(promise)[::-1][:2]:
-            if promise[turn] < PROMISING:
-                continue
-            corners, seen = corners_on_patches(image, pyramid, turned[turn], layout)
-            work += REFINE_WORK
-            better = seen >= needed_correlation(layout) and (best is None or seen > best.score)
-            if better and not is_at(corners, avoid):
-                best = Located(corners, min(1.0, seen))
-        yield work
-        if best is not None and best.score >= SURE_CORRELATION:
-            break
-    return best
+def _turned(quad: Corners) -> list[Corners]:
+    """List the corner orders of a quadrilateral that differ by quarter turns."""
+    return [np.roll(quad, -turn, axis=0) for turn in range(4)]
 
 
-def _best_partial(
+def _best_match(
     image: Image,
     pyramid: Pyramid,
     layout: Layout,
-    bent: NDArray[np.float64],
     avoid: Sequence[Corners],
+    places: Iterable[Sequence[Corners]],
+    *,
+    partly: bool = False,
 ) -> Steps[Located | None]:
-    """Find the best match of the patches of a display that is partly out of view, or None.
+    """Find where the image shows the patches best, or the first certain place; None for none.
 
     Args:
         image: an `Image`.
         pyramid: `receiver.locate.patches.image_pyramid` of its gray levels.
         layout: layout with patches.
-        bent: (N, M, 4, 2) pixels, M guesses of the perspective of each of N quadrilaterals.
         avoid: pixels of displays that are not to be found.
+        places: corners by which each place may show the display, the most promising of which are
+            aligned.
+        partly: whether a display that is partly out of view is looked for (`PARTLY`).
     """
+    promising, aligned, sure = PARTLY if partly else WHOLE
     best: Located | None = None
-    for guesses in bent:
-        sound = guesses[np.isfinite(guesses).all(axis=(1, 2))]
-        sound = sound[is_sound(sound, image.shape[1], image.shape[0], MAX_OUTSIDE)]
-        promise = [search_patches(pyramid, corners, layout)[0] for corners in sound]
+    for readings in places:
+        promise = [search_patches(pyramid, corners, layout)[0] for corners in readings]
         work = len(promise)
-        if promise and max(promise) >= PROMISING_PARTLY:
-            chosen = sound[int(np.argmax(promise))]
-            corners, seen = corners_on_patches(image, pyramid, chosen, layout)
+        for number in np.argsort(promise)[::-1][:aligned]:
+            if promise[number] < promising:
+                continue
+            corners, seen = corners_on_patches(image, pyramid, readings[number], layout)
             work += REFINE_WORK
             better = seen >= needed_correlation(layout) and (best is None or seen > best.score)
             if better and not is_at(corners, avoid):
                 best = Located(corners, min(1.0, seen))
         yield work
-        if best is not None:
+        if best is not None and best.score >= sure:
             break
     return best
