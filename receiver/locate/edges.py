@@ -20,6 +20,9 @@ the corner at its other end."""
 REACH = 5
 """Number of pixels of the small image that are looked at on each side of an edge. Chosen by
 hand."""
+SNAP_SAMPLES = 40
+"""Number of places along a side that vote where whole sets of quadrilaterals snap to edges. Chosen
+by hand."""
 FIT_SAMPLES = 96
 """Number of places along a side through which a line is fitted. The line's error falls with the
 root of their number, and the work grows with it. Chosen by hand."""
@@ -158,13 +161,9 @@ def _grown(quads: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
 
 
 def snap_to_edges(
-    image: NDArray[np.float32],
-    quads: NDArray[np.float64],
-    reach: float,
-    spacing: float = 1.0,
-    samples: int = 40,
+    image: NDArray[np.float32], quads: NDArray[np.float64], reach: float
 ) -> NDArray[np.float64]:
-    """Move each side to the straight edge that most of it shows, in steps of ``spacing`` px.
+    """Move each side to the straight edge that most of it shows, in steps of a pixel.
 
     Every pair of offsets at a side's two ends is tried; the votes of places along the side are
     saturated, so that glare, or a hand before part of it, moves nothing. Only edges that are
@@ -174,15 +173,13 @@ def snap_to_edges(
         image: (H, W) float32 gray levels.
         quads: (N, 4, 2), clockwise.
         reach: pixels that a side may move at either end.
-        spacing: distance from one tried offset to the next.
-        samples: places along a side.
 
     Returns:
         (N, 4, 2); a side without any edge stays.
     """
-    at, _, _, total = _votes(image, quads, reach, spacing, samples)
+    at, _, _, total = _votes(image, quads, reach, 1.0, SNAP_SAMPLES)
     best = total.reshape(len(quads), 4, -1).argmax(axis=2)
-    none = total.reshape(len(quads), 4, -1).max(axis=2) < 0.1 * samples
+    none = total.reshape(len(quads), 4, -1).max(axis=2) < 0.1 * SNAP_SAMPLES
     first = np.where(none, 0.0, at[best // len(at)])
     last = np.where(none, 0.0, at[best % len(at)])
     return _moved(quads, first, last, reach)
@@ -240,7 +237,7 @@ def _moved(
 
 def fit_edges(
     image: NDArray[np.float32], corners: NDArray[np.float64], reach: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> NDArray[np.float64]:
     """Move each side of one quadrilateral to a straight edge, to sub-pixels.
 
     The edge that most of the side shows gets a line through the peaks of the image's gradient.
@@ -252,8 +249,7 @@ def fit_edges(
         reach: pixels that a side may move at either end.
 
     Returns:
-        corners (4, 2), and (4,) share of each side's places whose gradient peaks on the line
-        found; a side without edge stays where it was, with share 0.
+        corners (4, 2); a side without an edge stays where it was.
     """
     spacing = max(0.5, reach / 10)
     at, share, slopes, total = _votes(image, corners[None], reach, spacing, FIT_SAMPLES)
@@ -262,15 +258,15 @@ def fit_edges(
     other = rises.max(axis=(2, 3)) > OTHER_SIDE * total.max(axis=(2, 3))
     slopes = np.where(other[..., None, None], darker, slopes)
     total = np.where(other[..., None, None], rises, total)
-    first, last, used = np.zeros(4), np.zeros(4), np.zeros(4)
+    first, last = np.zeros(4), np.zeros(4)
     for side in range(4):
         start, end = np.unravel_index(int(total[0, side].argmax()), total.shape[2:])
         guess = at[start] * (1 - share) + at[end] * share
         peak, height = _peaks(slopes[0, side], at, guess, spacing)
         a, b, part = _fit_line(share, peak, height)
         if part >= MIN_EDGE_SHARE:
-            first[side], last[side], used[side] = a, b, part
-    return _moved(corners[None], first[None], last[None], reach)[0], used
+            first[side], last[side] = a, b
+    return np.asarray(_moved(corners[None], first[None], last[None], reach)[0])
 
 
 def _peaks(

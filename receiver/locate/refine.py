@@ -109,7 +109,7 @@ def corners_on_edges(
     """
     smooth = cv2.GaussianBlur(gray, (0, 0), EDGE_BLUR_PX).astype(np.float32)
     for pixels in (reach, min(reach, FINE_REACH_PX)):
-        corners, _ = fit_edges(smooth, corners, pixels)
+        corners = fit_edges(smooth, corners, pixels)
     return corners
 
 

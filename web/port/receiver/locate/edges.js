@@ -7,14 +7,12 @@ import { signedArea } from "./quads.js";
 
 const {
   SAMPLES, SIDE_START, SIDE_SHARE, REACH, STEP_LEVELS, NOISE_SLOPE, SATURATION_SLOPE,
-  WHITE_QUANTILE, RIM_PX, CONTENT_SCALES, BEYOND_SCALE,
+  WHITE_QUANTILE, RIM_PX, CONTENT_SCALES, BEYOND_SCALE, SNAP_SAMPLES,
 } = receiverLocateEdges;
 const AHEAD = Float64Array.from(receiverLocateEdges.AHEAD);
 
 /** Number of places along a side where what lies well inside is looked at. */
 const CONTENT_SAMPLES = 12;
-/** Number of places along a side that vote for its edge where it snaps to one. */
-const SNAP_SAMPLES = 40;
 /** Number of features of `sideFeatures`. */
 export const FEATURES = 9;
 
