@@ -67,7 +67,7 @@ def side_places(samples: int) -> NDArray[np.float64]:
 
 
 def profiles(
-    image: NDArray[np.float32],
+    image: NDArray[np.uint8] | NDArray[np.float32],
     quads: NDArray[np.float64],
     offsets: NDArray[np.float64],
     samples: int | NDArray[np.float64],
@@ -75,7 +75,7 @@ def profiles(
     """Sample the image across the sides of quadrilaterals.
 
     Args:
-        image: (H, W) or (H, W, channels) float32.
+        image: (H, W) or (H, W, channels) uint8 or float32; levels of uint8 are rounded.
         quads: (N, 4, 2) pixels, clockwise.
         offsets: (K,) pixels along the inward normal.
         samples: number of places that are spread over a side without its ends, or (S,) places,

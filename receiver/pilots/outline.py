@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from link.geometry import homography_from_corners, transform
 from link.types import Array, Corners, Gray, Homography, Map
+from receiver.locate.edges import profiles
 from receiver.pilots.motion import UNIT_CORNERS, pixels_from_unit, unit_homography
 
 WIDTH, RING = 160, 0.16
@@ -88,18 +89,9 @@ def border_profiles(gray: Gray, corners: Corners) -> Array:
         outside to inside.
     """
     share = (np.arange(ALONG) + 0.5) / ALONG * 0.8 + 0.1
-    offsets = np.arange(-PROFILE_PX, PROFILE_PX + 1)
-    following = np.roll(corners, -1, axis=0)
-    along = following - corners  # (4, 2)
-    length = np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-6)
-    inwards = np.stack([-along[:, 1], along[:, 0]], axis=1) / length
-    on_side = corners[:, None] + share[:, None] * along[:, None]  # (4, ALONG, 2)
-    at = on_side[:, :, None] + offsets[:, None] * inwards[:, None, None]  # (4, ALONG, offsets, 2)
-    flat = at.reshape(4 * ALONG, -1, 2).astype(np.float32)  # (4, ALONG, ...) -> (4 ALONG, ...)
-    how = {"interpolation": cv2.INTER_LINEAR, "borderMode": cv2.BORDER_REPLICATE}
-    values = cv2.remap(gray, flat[..., 0], flat[..., 1], **how).astype(np.float64)
-    steps = np.abs(np.diff(values, axis=1)).reshape(4, ALONG, -1)  # (4 ALONG, n) -> (4, ALONG, n)
-    return np.asarray(steps.mean(axis=1))
+    offsets = np.arange(-PROFILE_PX, PROFILE_PX + 1.0)
+    levels = profiles(gray, corners[None], offsets, share)[0]  # (4, ALONG, offsets)
+    return np.asarray(np.abs(np.diff(levels, axis=2)).mean(axis=1, dtype=np.float64))
 
 
 class Outline:
