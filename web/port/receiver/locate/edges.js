@@ -56,7 +56,7 @@ function inward(quad) {
  * @param {ArrayLike<number>} offsets - pixels along the inward normal
  * @returns {Float32Array} (4, places, offsets)
  */
-function profiles({ width, height, data }, quad, places, offsets) {
+export function profiles({ width, height, data }, quad, places, offsets) {
   const taken = new Float32Array(4 * places.length * offsets.length);
   const normals = inward(quad);
   const [right, bottom] = [width - 1, height - 1];

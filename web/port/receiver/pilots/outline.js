@@ -20,6 +20,7 @@ import {
 } from "../../link/geometry.js";
 import { dot, inverse, multiply3, solve } from "../../link/linear.js";
 import { median, spreadOf } from "../../link/order.js";
+import { profiles } from "../locate/edges.js";
 import { MotionEquations, NUMBERS, UNIT_CORNERS, UnitMaps, unitHomography } from "./motion.js";
 
 const {
@@ -29,6 +30,16 @@ const {
 
 /** Smallest distance, in pixels, from the border of an image to a pixel that counts as seen. */
 const INSIDE_PX = 3;
+/** Places along a side, from its start to its end, at which a border's profile is measured. */
+const PROFILE_PLACES = Float64Array.from(
+  { length: ALONG },
+  (_, i) => ((i + 0.5) / ALONG) * 0.8 + 0.1,
+);
+/** Distances from a side, in pixels along the inward normal, at which it is measured. */
+const PROFILE_OFFSETS = Float64Array.from(
+  { length: 2 * PROFILE_PX + 1 },
+  (_, k) => k - PROFILE_PX,
+);
 
 /**
  * Tells which of two places is that of a display, by the edges along its border.
@@ -89,23 +100,16 @@ export class Border {
  *   gray levels, from outside to inside
  */
 export function borderProfiles(gray, corners) {
-  return corners.map(([x, y], side) => {
-    const [endX, endY] = corners[(side + 1) % corners.length];
-    const [alongX, alongY] = [endX - x, endY - y];
-    const length = Math.max(Math.hypot(alongX, alongY), 1e-6);
+  const levels = profiles(gray, corners, PROFILE_PLACES, PROFILE_OFFSETS);
+  return corners.map((_, side) => {
     const profile = new Float64Array(2 * PROFILE_PX);
     for (let i = 0; i < ALONG; i++) {
-      const share = ((i + 0.5) / ALONG) * 0.8 + 0.1;
-      let before = 0;
-      for (let offset = -PROFILE_PX; offset <= PROFILE_PX; offset++) {
-        const atX = x + share * alongX - (offset * alongY) / length;
-        const atY = y + share * alongY + (offset * alongX) / length;
-        const value = sampleAt(gray, atX, atY);
-        if (offset > -PROFILE_PX) profile[offset + PROFILE_PX - 1] += Math.abs(value - before);
-        before = value;
+      const at = (side * ALONG + i) * PROFILE_OFFSETS.length;
+      for (let k = 0; k < profile.length; k++) {
+        profile[k] += Math.abs(levels[at + k + 1] - levels[at + k]) / ALONG;
       }
     }
-    return profile.map((sum) => sum / ALONG);
+    return profile;
   });
 }
 
@@ -285,27 +289,6 @@ export class Outline {
     );
     return Math.max(...errors) <= CLEAR_PX;
   }
-}
-
-/**
- * Sample a frame bilinearly as OpenCV's remap does, at whole 32nds of a pixel, rounded to whole gray
- * levels; beyond the border its last pixel counts.
- *
- * @param {BytePlane} frame
- * @param {number} x
- * @param {number} y
- */
-function sampleAt({ data, width, height }, x, y) {
-  const [atX, atY] = [x, y].map((at) => roundHalfEven(32 * Math.fround(at)) / 32);
-  const [left, top] = [Math.floor(atX), Math.floor(atY)];
-  const [right, down] = [atX - left, atY - top];
-  const pixel = (/** @type {number} */ col, /** @type {number} */ row) => {
-    const inRow = Math.min(Math.max(row, 0), height - 1);
-    return data[inRow * width + Math.min(Math.max(col, 0), width - 1)];
-  };
-  const upper = (1 - right) * pixel(left, top) + right * pixel(left + 1, top);
-  const lower = (1 - right) * pixel(left, top + 1) + right * pixel(left + 1, top + 1);
-  return Math.round((1 - down) * upper + down * lower);
 }
 
 /**
