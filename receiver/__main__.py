@@ -25,13 +25,13 @@ from link.images.files import read_image
 from link.outside import is_no_file
 from link.presets import preset_name
 from models import find_graph
-from receiver.cameras import HIGHEST_FPS, SIZE
+from receiver.cameras import HIGHEST_FPS, SIZE, CameraFrame
 from receiver.decoders import PairDecoder, WindowDecoder, open_decoders
 from receiver.events import Event, PlacedEvent
 from receiver.receiver import Receiver
 from receiver.seen import SeenFrame
 from receiver.show import draw_decoded_pair
-from receiver.sources import FPS_HELP, CameraFrame, open_source
+from receiver.sources import FPS_HELP, open_source
 from receiver.stream import EventStream, pair_event
 from receiver.tracking.two_images import find_in_both
 

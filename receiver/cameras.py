@@ -37,15 +37,16 @@ SCHEMES = ("http", "https", "rtsp", "rtsps", "rtmp", "rtp", "srt", "tcp", "udp")
 
 
 @dataclass(frozen=True)
-class LiveFrame:
-    """One frame of a camera or a stream."""
+class CameraFrame:
+    """One image of a camera that films the display."""
 
     image: NDArray[np.uint8]
     """(H, W, 3) uint8, encoded RGB."""
     time: float
     """Seconds since the first frame."""
-    number: int
-    """Number of the frame; those that were passed over count."""
+    name: str
+    """Name of the image's file, or the frame's number in words; frames of a camera that were passed
+    over count."""
 
 
 class CameraTimes:
@@ -131,7 +132,7 @@ class Camera:
         rate = f"{stated:g} frames a second" if self.fps == stated else "at a rate not stated"
         print(f"{self._name}: {width}x{height}, {rate}", file=sys.stderr)
 
-    def frames(self) -> Iterator[LiveFrame]:
+    def frames(self) -> Iterator[CameraFrame]:
         """Give the frames: of a live source the newest each time, of a file at an address all.
 
         Raises:
@@ -140,7 +141,7 @@ class Camera:
         if self._capture.get(cv2.CAP_PROP_FRAME_COUNT) > 0:  # a file, which comes faster
             yield from self._all()
             return
-        waiting, stopped = Newest[LiveFrame](), Event()
+        waiting, stopped = Newest[CameraFrame](), Event()
         thread = Thread(target=self._take, args=(waiting, stopped), daemon=True)
         thread.start()
         came = False
@@ -155,7 +156,7 @@ class Camera:
             raise InputError(f"{self._name}: returns no frames; is another program using it?")
         print(f"warning: {self._name} returns no more frames; is it unplugged?", file=sys.stderr)
 
-    def _take(self, waiting: Newest[LiveFrame], stopped: Event) -> None:
+    def _take(self, waiting: Newest[CameraFrame], stopped: Event) -> None:
         """Take the frames as they come, in a thread of its own."""
         times, missed, number = CameraTimes(), 0, 0
         try:
@@ -164,18 +165,19 @@ class Camera:
                 missed = missed + 1 if image is None else 0
                 if image is not None:
                     stamp = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
-                    waiting.put(LiveFrame(image, times.take(stamp, perf_counter()), number))
+                    time = times.take(stamp, perf_counter())
+                    waiting.put(CameraFrame(image, time, f"frame {number}"))
                     number += 1
         finally:
             self._capture.release()
             waiting.close()
 
-    def _all(self) -> Iterator[LiveFrame]:
+    def _all(self) -> Iterator[CameraFrame]:
         time, number = None, 0
         while (image := next_frame(self._capture)) is not None:
             stated = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
             time = time_after(stated, time, self.fps)
-            yield LiveFrame(image, time, number)
+            yield CameraFrame(image, time, f"frame {number}")
             number += 1
         self._capture.release()
         if not number:

@@ -13,15 +13,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from link.errors import InputError
 from link.images import IMAGE_SUFFIXES, image_files, pixel_limit
 from link.images.files import read_image
 from link.images.video import DEFAULT_FPS, VideoReader, check_fps
 from link.outside import is_file
-from receiver.cameras import SCHEMES, Camera
+from receiver.cameras import SCHEMES, Camera, CameraFrame
 
 MAX_NUMBER_DIGITS = 15
 """Largest number of digits of a file's name that count as the frame's number."""
@@ -36,18 +33,6 @@ DEVICE = re.compile(r"/dev/video([0-9]{1,4})")
 """Path of a camera's device, with its number."""
 ADDRESS = re.compile(r"([a-z][a-z0-9+.-]*)://.+", re.IGNORECASE)
 """Address of a stream, with its scheme."""
-
-
-@dataclass(frozen=True)
-class CameraFrame:
-    """One image of a camera that films the display."""
-
-    image: NDArray[np.uint8]
-    """(H, W, 3) uint8, encoded RGB."""
-    time: float
-    """Seconds since the first frame."""
-    name: str
-    """Name of the image's file, or the frame's number in words."""
 
 
 @dataclass(frozen=True)
@@ -88,13 +73,11 @@ def open_source(
     pixel_limit()  # a wrong limit is no error of each image
     device = DEVICE.fullmatch(os.path.realpath(name)) if name.startswith("/dev/") else None
     number = device[1] if device else name
-    if number.isascii() and number.isdigit() and len(number) <= MAX_CAMERA_DIGITS:
-        camera = Camera(int(number), camera_size, camera_fps)
-        return FrameSource(_live(camera), fps or camera.fps, live=True)
+    numbered = number.isascii() and number.isdigit() and len(number) <= MAX_CAMERA_DIGITS
     address = ADDRESS.fullmatch(name)
-    if address is not None and address[1].lower() in SCHEMES:
-        camera = Camera(name)
-        return FrameSource(_live(camera), fps or camera.fps, live=True)
+    if numbered or (address is not None and address[1].lower() in SCHEMES):
+        camera = Camera(int(number) if numbered else name, camera_size, camera_fps)
+        return FrameSource(camera.frames(), fps or camera.fps, live=True)
     path = Path(name)
     if path.is_dir():
         return _folder(path, fps)
@@ -110,11 +93,6 @@ def open_source(
             f"{name}: one image is no film; give both images of a frame pair, or a film"
         )
     return _video(path, fps)
-
-
-def _live(camera: Camera) -> Iterator[CameraFrame]:
-    for frame in camera.frames():
-        yield CameraFrame(frame.image, frame.time, f"frame {frame.number}")
 
 
 def number_frames(files: list[Path]) -> list[tuple[int, Path]]:
