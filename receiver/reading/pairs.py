@@ -2,7 +2,6 @@
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
@@ -13,7 +12,7 @@ from models.pairwise import trust_of_purity
 from receiver.decoders import PairDecoder
 from receiver.reading.occlusion import Occlusion
 from receiver.reading.shown import ReadPair, States
-from receiver.reading.states import DisplayState, compose_state
+from receiver.reading.states import compose_state
 from receiver.reading.unseen import fill_unseen, unseen_blocks
 from receiver.seen import SeenFrames
 from receiver.sight import StageTimes
@@ -21,18 +20,6 @@ from receiver.sight import StageTimes
 PAIRS_A_FRAME = 2
 """Largest number of frame pairs that are read with one camera frame. Many wait when the clock has
 just been found; the next frames take the rest, so that no frame takes long."""
-
-
-@dataclass(eq=False)
-class ComposedPair:
-    """A frame pair that is over on the display, and waits to be decoded."""
-
-    number: int
-    """Number of the frame pair."""
-    original: DisplayState
-    """First state of the pair."""
-    embedded: DisplayState
-    """Second state of the pair."""
 
 
 class PairReader:
@@ -50,7 +37,7 @@ class PairReader:
         self._occlusion = Occlusion(decoder.layout)
         self.read_until = -np.inf
         """Time of the newest frame that is needed no more, seconds."""
-        self._waiting: deque[ComposedPair] = deque()
+        self._waiting: deque[tuple[int, States]] = deque()
         self._next: int | None = None
 
     def prepare(self) -> None:
@@ -78,20 +65,18 @@ class PairReader:
         for _ in range(len(self._waiting) if over else PAIRS_A_FRAME):
             if not self._waiting:
                 return
-            composed = self._waiting.popleft()
-            yield self.decode(composed)
+            yield self.decode(*self._waiting.popleft())
 
-    def decode(self, pair: ComposedPair) -> ReadPair:
-        """Decode the two states of a pair, and erase what is covered or impure."""
+    def decode(self, number: int, shown: States) -> ReadPair:
+        """Decode the two states of the pair of a number, and erase what is covered or impure."""
         start = perf_counter()
-        shown = States(pair.original, pair.embedded, self._layout.message_mask)
-        purity = np.minimum(pair.original.purity, pair.embedded.purity)
+        purity = np.minimum(shown.original.purity, shown.embedded.purity)
         unseen = unseen_blocks(*shown.images, purity, self._layout)
         soft = self._decoder.decode(*fill_unseen(shown.images, unseen, self._layout))
         trust = trust_of_purity(shown.purity)
-        scores = soft.scores * trust * ~self._occlusion.covered(pair.original.image)
+        scores = soft.scores * trust * ~self._occlusion.covered(shown.original.image)
         self._timing.add("decode", start)
-        return ReadPair(pair.number, SoftBits(scores, soft.head), shown, 1 - float(trust.mean()))
+        return ReadPair(number, SoftBits(scores, soft.head), shown, 1 - float(trust.mean()))
 
     def _compose(self, clock: DisplayClock, end: float, *, over: bool) -> None:
         """Put the two states of frame pairs together.
@@ -120,5 +105,6 @@ class PairReader:
             while frames and clock.number(frames[0].time + clock.latest) < 2 * self._next:
                 self.read_until = frames.popleft().time  # no other pair needs it
             if original is not None and embedded is not None:
-                self._waiting.append(ComposedPair(self._next - 1, original, embedded))
+                shown = States(original, embedded, self._layout.message_mask)
+                self._waiting.append((self._next - 1, shown))
             self._timing.add("compose", start)

@@ -14,8 +14,8 @@ from link.frames import SoftBits
 from models.film.window import reads_films
 from receiver.decoders import PairDecoder, WindowDecoder
 from receiver.reading.film import FilmReader
-from receiver.reading.pairs import ComposedPair, PairReader
-from receiver.reading.shown import ReadPair, Shown
+from receiver.reading.pairs import PairReader
+from receiver.reading.shown import ReadPair, Shown, States
 from receiver.reading.states import mean_state, split_by_level
 from receiver.seen import SeenFrame, SeenFrames
 from receiver.sight import StageTimes
@@ -200,7 +200,8 @@ class DisplayReader:
         toggles = self._toggles.over_time(np.array([frame.toggles for frame in frames]))
         states = split_by_level(frames, np.nanmean(toggles, axis=1))
         for number, (first, second) in enumerate(states):
-            read = self._pairs.decode(ComposedPair(number, mean_state(first), mean_state(second)))
+            shown = States(mean_state(first), mean_state(second), self.layout.message_mask)
+            read = self._pairs.decode(number, shown)
             pair, message = self._finish_pair(read, first[0].time)
             pairs.append(pair)
             if message is not None:
