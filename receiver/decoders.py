@@ -17,26 +17,6 @@ from models import FILM_GRAPH, shipped_graphs
 T = TypeVar("T")
 
 
-class Loading(Generic[T]):
-    """Loads something in a thread of its own when it is first needed, while frames are taken.
-
-    Args:
-        load: loads it; called once.
-    """
-
-    def __init__(self, load: Callable[[], T]) -> None:
-        self._load = load
-        self._begun: Future[T] | None = None
-
-    def begin(self) -> Future[T]:
-        """Begin to load in a thread, unless that has begun already."""
-        if self._begun is None:
-            worker = ThreadPoolExecutor(1)
-            self._begun = worker.submit(self._load)
-            worker.shutdown(wait=False)  # it ends with its only task
-        return self._begun
-
-
 class PairDecoder(Protocol):
     """Interface of the decoders that a receiver uses."""
 
@@ -64,11 +44,42 @@ class WindowDecoder(Protocol):
         ...
 
 
-class ShippedDecoder:
-    """A decoder whose layout is known beforehand, and which is loaded when it is needed.
+class Shipped(Generic[T]):
+    """A decoder whose file is known beforehand, and which is loaded when it is needed.
 
     Its file is read and checked at once, so that a damaged one is noticed before the film begins.
     Loading takes as long as some camera frames, so it goes on in a thread while these are taken.
+
+    Args:
+        path: file that `export.to_onnx` wrote.
+        threads: number of threads of onnxruntime.
+        load: loads it; called once.
+
+    Raises:
+        InputError: the file is missing, or damaged.
+    """
+
+    def __init__(self, path: Path, threads: int, load: Callable[[], T]) -> None:
+        check_threads(threads)
+        read_model(path)
+        self._load = load
+        self._begun: Future[T] | None = None
+
+    def prepare(self) -> None:
+        """Begin to load the file in a thread of its own, unless that has begun already."""
+        if self._begun is None:
+            worker = ThreadPoolExecutor(1)
+            self._begun = worker.submit(self._load)
+            worker.shutdown(wait=False)  # it ends with its only task
+
+    def _loaded(self) -> T:
+        self.prepare()
+        assert self._begun is not None
+        return self._begun.result()
+
+
+class ShippedDecoder(Shipped[Decoder]):
+    """A decoder of frame pairs that ships, for a layout that is known before it is loaded.
 
     Args:
         path: file that `export.to_onnx` wrote.
@@ -80,22 +91,9 @@ class ShippedDecoder:
     """
 
     def __init__(self, path: Path, layout: Layout, threads: int = 2) -> None:
-        check_threads(threads)
-        read_model(path)
         self.layout = layout
+        super().__init__(path, threads, lambda: Decoder(path, threads, OWN_TIME_LIMIT_S))
         self._path = path
-        self._threads = threads
-        self._loading = Loading(self._load)
-
-    def prepare(self) -> None:
-        """Begin to load the model, beside what else is done."""
-        self._loading.begin()
-
-    def _load(self) -> Decoder:
-        decoder = Decoder(self._path, self._threads, OWN_TIME_LIMIT_S)
-        if decoder.layout != self.layout:
-            raise InputError(f"{self._path}: is for another layout than its name says; export it")
-        return decoder
 
     def decode(self, original: Image, embedded: Image, /) -> SoftBits:
         """Score the message bits of two rectified frames, an `Image` each.
@@ -103,11 +101,14 @@ class ShippedDecoder:
         Raises:
             InputError: the file is no decoder for the layout, or the decoder refuses the frames.
         """
-        return self._loading.begin().result().decode(original, embedded)
+        decoder = self._loaded()
+        if decoder.layout != self.layout:
+            raise InputError(f"{self._path}: is for another layout than its name says; export it")
+        return decoder.decode(original, embedded)
 
 
-class ShippedFilm:
-    """The film decoder that ships, which is loaded when it is needed as `ShippedDecoder` is.
+class ShippedFilm(Shipped[FilmGraph]):
+    """The film decoder that ships.
 
     Args:
         threads: number of threads of onnxruntime.
@@ -116,18 +117,12 @@ class ShippedFilm:
         InputError: the file is missing, or damaged.
     """
 
-    def __init__(self, threads: int = 2) -> None:
-        check_threads(threads)
-        read_model(FILM_GRAPH)
-        self._loading = Loading(lambda: FilmGraph(FILM_GRAPH, threads))
-
-    def prepare(self) -> None:
-        """Begin to load the graph, beside what else is done."""
-        self._loading.begin()
+    def __init__(self, threads: int) -> None:
+        super().__init__(FILM_GRAPH, threads, lambda: FilmGraph(FILM_GRAPH, threads))
 
     def decode(self, observation: Observation) -> SoftBits:
         """Score the message bits of all frame pairs of a window, in log-likelihood ratios."""
-        return self._loading.begin().result().decode(observation)
+        return self._loaded().decode(observation)
 
 
 def open_decoders(
