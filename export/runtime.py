@@ -6,6 +6,7 @@ python -m export.runtime MODEL ORIGINAL EMBEDDED [--corners x,y x,y x,y x,y]
 import json
 import re
 import sys
+from argparse import ArgumentTypeError
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,7 @@ from link.observation import Observation
 from link.outside import is_file, parse_json, read_bounded
 from link.pilots import pilots_toggled
 from link.ratex import patch_correlation
-from link.types import Corners, Image
+from link.types import Image
 from models import find_graph
 
 ORT_ERRORS: tuple[type[Exception], ...] = (
@@ -396,28 +397,18 @@ def _reason(error: Exception) -> str:
     return lines[0][:160] if lines else type(error).__name__
 
 
-def parse_corners(points: list[str] | None, flag: str) -> Corners | None:
-    """Read four points from the command line.
-
-    Args:
-        points: four texts "x,y", or None where the flag is absent.
-        flag: flag that the error names.
-
-    Returns:
-        (4, 2) float64, or None.
+def read_point(text: str) -> tuple[float, float]:
+    """Read one of the four points of a flag, such as 10.5,20.
 
     Raises:
-        InputError: not four points.
+        ArgumentTypeError: the text is no such point.
     """
-    if points is None:
-        return None
     try:
-        corners = np.array([[float(v) for v in point.split(",")] for point in points])
+        x, y = map(float, text.split(","))
     except ValueError:
-        corners = np.empty(0)
-    if corners.shape != (4, 2):
-        raise InputError(f"{flag}: need four points x,y, such as 10.5,20 400,22 398,310 12,305")
-    return corners
+        example = "10.5,20 400,22 398,310 12,305"
+        raise ArgumentTypeError(f"need four points x,y, such as {example}") from None
+    return x, y
 
 
 def main() -> None:
@@ -436,16 +427,14 @@ def main() -> None:
         ),
         ("--corners-embedded", "the same in the embedded frame; --corners where absent"),
     ):
-        parser.add_argument(flag, nargs=4, metavar="x,y", help=text)
+        parser.add_argument(flag, type=read_point, nargs=4, metavar="x,y", help=text)
     add_pixel_limit(parser)
     # a leading blank keeps argparse from taking -0.5,-0.5 for a flag
     words = [re.sub(r"^(?=-[\d.]+,)", " ", word) for word in sys.argv[1:]]
     args = check_flags(parser.parse_args(words))
-    corners = parse_corners(args.corners, "--corners")
-    corners_embedded = parse_corners(args.corners_embedded, "--corners-embedded")
     decoder = Decoder(args.model)
     frames = read_image(args.original), read_image(args.embedded)
-    pair = decoder.rectify(*frames, corners, corners_embedded)
+    pair = decoder.rectify(*frames, args.corners, args.corners_embedded)
     seen = patch_correlation(pair.original, decoder.layout) if decoder.layout.ratex else 1.0
     if seen < DECODED_CORRELATION:
         raise InputError(
