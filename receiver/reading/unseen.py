@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.layout import Layout, block_index
+from link.layout import Layout
 from link.ratex import CLEAR_MATCH, TILES, match_patches, tile_labels, tile_levels
 from link.types import Image
 
@@ -85,23 +85,11 @@ def _copy_nearest(images: Sequence[Image], unseen: NDArray[np.bool_], layout: La
         unseen: (rows, cols) blocks that are not seen.
         layout: layout of the images.
     """
-    filled = layout.message_mask & unseen
     from_row, from_col = _nearest(layout.message_mask & ~unseen)
-    (top, bottom), (left, right) = (
-        _edges(length, count)
-        for length, count in ((layout.height, layout.rows), (layout.width, layout.cols))
-    )
-    at_row = block_index(layout.height, layout.rows)
-    at_col = block_index(layout.width, layout.cols)
-    y, x = np.nonzero(filled[np.ix_(at_row, at_col)])
-    row, col = at_row[y], at_col[x]
-    source_row, source_col = from_row[row, col], from_col[row, col]
-    # blocks of a grid differ by one pixel in height and width
-    tall, wide = (bottom - top), (right - left)
-    source_y = top[source_row] + (y - top[row]) * tall[source_row] // tall[row]
-    source_x = left[source_col] + (x - left[col]) * wide[source_col] // wide[col]
-    for image in images:
-        image[y, x] = image[source_y, source_x]
+    for block in map(tuple, np.argwhere(layout.message_mask & unseen)):
+        box, source = _box(layout, *block), _box(layout, from_row[block], from_col[block])
+        for image in images:
+            image[box] = _fitted(image[source], image[box].shape)
 
 
 def _nearest(seen: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -124,15 +112,20 @@ def _nearest(seen: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp
 def _mix_tiles(images: Sequence[Image], seen_patches: Sequence[int], layout: Layout) -> None:
     """Mix the tiles of unseen patches, in place, from those of the patches that are seen."""
     levels, labels = tile_levels(layout, 0), tile_labels(layout)
+
+    def box_of(patch: int, tile: tuple[int, ...]) -> tuple[slice, slice]:
+        (row, col), (down, across) = layout.ratex[patch], tile
+        return _box(layout, TILES * row + down, TILES * col + across, TILES)
+
     known = [
-        (int(levels[i][tile]), int(labels[i][tile]), _tile(layout, i, tile))
+        (int(levels[i][tile]), int(labels[i][tile]), box_of(i, tile))
         for i in seen_patches
         for tile in np.ndindex(TILES, TILES)
     ]
     known.sort(key=lambda tile: tile[0])
     for i in set(range(len(layout.ratex))) - set(seen_patches):
         for tile in np.ndindex(TILES, TILES):
-            level, box = int(levels[i][tile]), _tile(layout, i, tile)
+            level, box = int(levels[i][tile]), box_of(i, tile)
             alike = [(at, source) for at, label, source in known if label == labels[i][tile]]
             below = [(at, source) for at, source in alike if at <= level] or alike[:1]
             above = [(at, source) for at, source in alike if at >= level] or alike[-1:]
@@ -144,23 +137,23 @@ def _mix_tiles(images: Sequence[Image], seen_patches: Sequence[int], layout: Lay
                 image[box] = cv2.addWeighted(first, 1 - share, second, share, 0).reshape(shape)
 
 
-def _edges(length: int, count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """First pixel, and the one after the last, of each block along one axis."""
-    edges = -(-np.arange(count + 1) * length // count)
-    return edges[:-1], edges[1:]
+def _box(layout: Layout, row: int, col: int, parts: int = 1) -> tuple[slice, slice]:
+    """Find the pixels of a block, or of one of the ``parts`` x ``parts`` parts of each block.
 
-
-def _tile(layout: Layout, patch: int, tile: tuple[int, ...]) -> tuple[slice, slice]:
-    """Find the pixels of a tile, (row, column) in its patch."""
-    box = []
-    for cell, part, count, length in (
-        (layout.ratex[patch][0], tile[0], layout.rows, layout.height),
-        (layout.ratex[patch][1], tile[1], layout.cols, layout.width),
-    ):
-        start = TILES * cell + part
-        ends = [-(-at * length // (TILES * count)) for at in (start, start + 1)]
-        box.append(slice(*ends))
-    return box[0], box[1]
+    Args:
+        layout: layout of the images.
+        row: row of the block or part, counted over the whole display.
+        col: column of the block or part, counted over the whole display.
+        parts: number of parts along each axis of a block.
+    """
+    rows, cols = (
+        [-(-at * length // (parts * count)) for at in (first, first + 1)]
+        for first, length, count in (
+            (row, layout.height, layout.rows),
+            (col, layout.width, layout.cols),
+        )
+    )
+    return slice(*rows), slice(*cols)
 
 
 def _fitted(pixels: Image, shape: tuple[int, ...]) -> Image:
