@@ -148,10 +148,10 @@ def _video(path: Path, fps: float | None) -> FrameSource:
 
     def frames() -> Iterator[CameraFrame]:
         start: float | None = None
-        for number, frame in enumerate(reader.timed_frames()):
-            start = frame.time if start is None else start
-            time = frame.time - start if fps is None else number / fps
-            yield CameraFrame(frame.image, time, f"frame {number}")
+        for number, (image, stated) in enumerate(reader.timed_frames()):
+            start = stated if start is None else start
+            time = stated - start if fps is None else number / fps
+            yield CameraFrame(image, time, f"frame {number}")
         if reader.broken_off is not None:  # what there is may hold the message
             print(f"warning: {reader.broken_off}", file=sys.stderr)
 

@@ -133,9 +133,9 @@ def load_folder(folder: Path, width: int, height: int) -> list[Picture]:
     _check_size(width, height)
     pictures: list[Picture] = []
     if is_file(folder):
-        for frame in VideoReader(folder).timed_frames():
-            if frame.time >= len(pictures):
-                rgb = fit_picture(frame.image, width, height)
+        for image, time in VideoReader(folder).timed_frames():
+            if time >= len(pictures):
+                rgb = fit_picture(image, width, height)
                 pictures.append(Picture(f"{folder.name}/{len(pictures)}", rgb))
             if len(pictures) == MAX_TAKEN:
                 break

@@ -12,7 +12,6 @@ import math
 import os
 import zlib
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import cast
@@ -74,16 +73,6 @@ def check_fps(fps: float, parameter: str = "fps") -> None:
         raise ParameterError(
             parameter, f"need {MIN_FPS:g} to {MAX_FPS:g} frames a second, got {fps:g}"
         )
-
-
-@dataclass(frozen=True)
-class TimedImage:
-    """One frame of a video file and the time at which the file shows it."""
-
-    image: NDArray[np.uint8]
-    """(H, W, 3) uint8, encoded RGB."""
-    time: float
-    """Presentation time, seconds from the file's beginning; it rises from frame to frame."""
 
 
 def time_after(stated: float, before: float | None, rate: float) -> float:
@@ -179,10 +168,11 @@ class VideoReader:
         for image, _ in self._read():
             yield image
 
-    def timed_frames(self) -> Iterator[TimedImage]:
+    def timed_frames(self) -> Iterator[tuple[NDArray[np.uint8], float]]:
         """Give the frames one at a time, each with its presentation time as `time_after` finds it.
 
-        After the last one, ``broken_off`` says whether some are missing.
+        Frames are (H, W, 3) uint8, encoded RGB. Times are seconds from the file's beginning, and
+        rise from frame to frame. After the last one, ``broken_off`` says whether some are missing.
 
         Raises:
             InputError: the file holds no frame that can be read.
@@ -190,7 +180,7 @@ class VideoReader:
         time: float | None = None
         for image, stated in self._read():
             time = time_after(stated, time, self.rate)
-            yield TimedImage(image, time)
+            yield image, time
 
     def check_end(self) -> None:
         """Look at the end of the file alone, which costs little however long it is.
