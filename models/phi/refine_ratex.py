@@ -31,7 +31,6 @@ from models.phi.refine import (
     cavity_llr,
     logs,
 )
-from models.phi.solver import solve_spd
 
 SHARPNESS = 10.0
 """How sharply the soft floor bends that keeps g' above its least value, per unit of g'."""
@@ -275,7 +274,8 @@ class RatexRefiner(Refiner):
         # 0.08, chosen by hand, is the unit of the ridges: these are learned, so only the product
         # counts, but for the constant, whose ridge is as good as none
         normal = columns @ terms + torch.diag(0.08 * torch.cat(scales))
-        solution = solve_spd(normal, (columns * self.levels).sum(-1))
+        aimed = (columns * self.levels).sum(-1).unsqueeze(-1)
+        solution = (inverse(normal) @ aimed).squeeze(-1)
         c, tilt = solution[:, : MOMENTS + 1], solution[:, MOMENTS + 1 :]
         g = c @ self.legendre.T  # (B, 65)
         rise = (g[:, 1:] - g[:, :-1]) * (len(INTENSITY_GRID) - 1)

@@ -17,22 +17,6 @@ STEP_SIZES = (0.0, *(2.0 ** (-k / 2) for k in range(24)))
 """Lengths that are tried along Newton's direction, as shares of the whole step; 0 does not move."""
 
 
-def solve_spd(A: Tensor, y: Tensor) -> Tensor:
-    """Solve A x = y for a batch of small systems.
-
-    Args:
-        A: (B, D, D) symmetric positive definite and well conditioned.
-        y: (B, D) right-hand sides.
-
-    Returns:
-        x: (B, D) solutions.
-
-    >>> solve_spd(torch.tensor([[[2.0, 0.0], [0.0, 4.0]]]), torch.tensor([[2.0, 2.0]])).tolist()
-    [[1.0, 0.5]]
-    """
-    return (inverse(A) @ y.unsqueeze(-1)).squeeze(-1)
-
-
 @dataclass(frozen=True)
 class HeadProblem:
     """The objective of a head as a sum of squares, one of each of R = N + D rows.

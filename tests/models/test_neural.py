@@ -36,7 +36,7 @@ from models.phi.phi import PhiPolynomial
 from models.phi.reduce import Reduce
 from models.phi.refine import MOMENTS
 from models.phi.register import derivatives, register
-from models.phi.solver import fit_head, solve_spd
+from models.phi.solver import fit_head
 
 EVERY_CONFIG = [
     DecoderConfig(),
@@ -132,15 +132,6 @@ def test_options_that_make_no_decoder_are_refused(options: dict[str, Any], flag:
 # --- solver
 
 
-@pytest.mark.parametrize("size", [1, 13])
-def test_solve_spd_agrees_with_torch(size: int) -> None:
-    generator = torch.Generator().manual_seed(size)
-    root = torch.randn((8, size, size + 3), generator=generator, dtype=torch.float64)
-    A = root @ root.transpose(1, 2) + 0.1 * torch.eye(size, dtype=torch.float64)
-    y = torch.randn((8, size), generator=generator, dtype=torch.float64)
-    torch.testing.assert_close(solve_spd(A, y), torch.linalg.solve(A, y), rtol=FLOAT64, atol=1e-8)
-
-
 def sklearn_head(X: Array, y: Array, C: float) -> Array:
     """What scikit-learn makes of features whose last column is ones; that is the intercept's."""
     svm = LinearSVC(C=C, loss="squared_hinge", dual=False, tol=1e-8, max_iter=100_000)
@@ -215,14 +206,6 @@ def test_without_violators_the_head_is_the_prior() -> None:
     y, one = torch.tensor([1.0, -1.0]).double(), torch.ones(2).double()
     prior = torch.tensor([1.0, 0.0]).double()
     torch.testing.assert_close(fit_head(X, y, one[0], one, prior), prior[None])
-
-
-def test_solve_spd_has_the_right_gradient() -> None:
-    generator = torch.Generator().manual_seed(4)
-    root = torch.randn((2, 4, 6), generator=generator, dtype=torch.float64)
-    A = (root @ root.transpose(1, 2) + torch.eye(4, dtype=torch.float64)).requires_grad_()
-    y = torch.randn((2, 4), generator=generator, dtype=torch.float64, requires_grad=True)
-    assert torch.autograd.gradcheck(solve_spd, (A, y))
 
 
 @pytest.mark.parametrize("C", [0.05, slow(30.0)])
