@@ -12,7 +12,7 @@ import struct
 import zipfile
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import nn
@@ -28,6 +28,8 @@ from models.phi.decoder import PhiDecoder
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
+    from models.film.decoder import FilmDecoder
+
 DAMAGE = (
     AttributeError, EOFError, LookupError, pickle.UnpicklingError, RuntimeError, struct.error,
     TypeError, ValueError, zipfile.BadZipFile,
@@ -40,19 +42,9 @@ MAX_STATE_BYTES = 3 * MAX_WEIGHTS_BYTES
 beside each weight."""
 
 
-class Saveable(Protocol):
-    """A module that can say what it takes to rebuild it."""
-
-    def state_dict(self) -> dict[str, Any]:
-        """Give the weights by name, as `torch.nn.Module.state_dict` does."""
-        ...
-
-    def to_config(self) -> dict[str, object]:
-        """Give the configuration, as values that JSON can hold."""
-        ...
-
-
-def save_checkpoint(folder: Path, module: Saveable, extra: dict[str, Any]) -> None:
+def save_checkpoint(
+    folder: Path, module: "PhiDecoder | FilmDecoder", extra: dict[str, Any]
+) -> None:
     """Write decoder.pt and config.json into an existing folder.
 
     Args:
