@@ -78,10 +78,6 @@ WATCHDOG = Watchdog()
 """Stops every model of this process that takes too long."""
 
 
-class SlowModelError(InputError):
-    """A model took longer to load than it may."""
-
-
 class Decoder:
     """A decoder in an ONNX file, which carries its own layout.
 
@@ -274,7 +270,9 @@ def read_model(path: Path) -> bytes:
 def load_session(
     path: Path, threads: int, time_limit_s: float
 ) -> tuple[onnxruntime.InferenceSession, dict[str, str]]:
-    """Load a model that may come from a stranger.
+    """Load a model that may come from a stranger, with bounds to its memory and time.
+
+    It reads no other file.
 
     Args:
         path: the .onnx file.
@@ -289,12 +287,38 @@ def load_session(
     """
     check_threads(threads)
     data = read_model(path)
+    _bound_memory()
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.log_severity_level = 4
+    options.add_session_config_entry("session.load_model_format", "ONNX")
+    options.add_session_config_entry("session.use_env_allocators", "1")
+    options.add_session_config_entry(
+        "session.model_external_initializers_file_folder_path", NOWHERE
+    )
+    overdue = False
+
+    def stop() -> None:
+        nonlocal overdue
+        overdue = True
+        options.set_load_cancellation_flag(True)
+
     try:
-        session = _session(data, threads, time_limit_s)
-        metadata: dict[str, str] = session.get_modelmeta().custom_metadata_map
-    except SlowModelError as error:
-        raise InputError(f"{path}: {error}") from None
+        with WATCHDOG.limit(time_limit_s, stop, "loading the model"):
+            session = onnxruntime.InferenceSession(
+                data,
+                options,
+                providers=["CPUExecutionProvider"],
+                enable_fallback=0,
+                disabled_optimizers=[NO_KERNEL],
+            )
+            metadata: dict[str, str] = session.get_modelmeta().custom_metadata_map
     except ORT_ERRORS as error:
+        if overdue:
+            raise InputError(
+                f"{path}: loading took more than {time_limit_s:.3g} s and was stopped; if this "
+                "machine is busy, try again"
+            ) from None
         raise _unreadable(path, error) from None
     return session, metadata
 
@@ -344,42 +368,6 @@ def check_threads(threads: int) -> None:
 
 def _unreadable(path: Path, error: Exception) -> InputError:
     return InputError(f"{path}: not a readable ONNX model; export it again ({_reason(error)})")
-
-
-def _session(data: bytes, threads: int, time_limit_s: float) -> onnxruntime.InferenceSession:
-    """Load a model whose memory and loading time are bounded, and that reads no other file."""
-    _bound_memory()
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = threads
-    options.log_severity_level = 4
-    options.add_session_config_entry("session.load_model_format", "ONNX")
-    options.add_session_config_entry("session.use_env_allocators", "1")
-    options.add_session_config_entry(
-        "session.model_external_initializers_file_folder_path", NOWHERE
-    )
-    overdue = False
-
-    def stop() -> None:
-        nonlocal overdue
-        overdue = True
-        options.set_load_cancellation_flag(True)
-
-    try:
-        with WATCHDOG.limit(time_limit_s, stop, "loading the model"):
-            return onnxruntime.InferenceSession(
-                data,
-                options,
-                providers=["CPUExecutionProvider"],
-                enable_fallback=0,
-                disabled_optimizers=[NO_KERNEL],
-            )
-    except ORT_ERRORS:
-        if overdue:
-            raise SlowModelError(
-                f"loading took more than {time_limit_s:.3g} s and was stopped; if this machine is "
-                "busy, try again"
-            ) from None
-        raise
 
 
 @cache
