@@ -72,10 +72,6 @@ class FilmReader:
         self._scored: deque[ReadPair] = deque()
         self._next: int | None = None
 
-    def prepare(self) -> None:
-        """Get ready: frames will soon come."""
-        self._decoder.prepare()
-
     def begin_anew(self) -> None:
         """Leave out all frames so far: what comes shows another place or another picture."""
         self.read_until, self._scored_at = self._seen.newest, -np.inf

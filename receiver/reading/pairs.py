@@ -40,10 +40,6 @@ class PairReader:
         self._waiting: deque[tuple[int, States]] = deque()
         self._next: int | None = None
 
-    def prepare(self) -> None:
-        """Get ready: frames will soon come."""
-        self._decoder.prepare()
-
     def begin_anew(self) -> None:
         """Nothing is to be done: a frame pair that shows two places is erased as covered."""
 

@@ -78,17 +78,14 @@ class DisplayReader:
         """Turns the scores of frame pairs into messages."""
         self._fps, self._seen, self._timing = fps, seen, timing
         self._pairs = PairReader(decoder, seen, timing)
+        films = film if reads_films(decoder.layout) else None
         self._source = (
-            self._pairs
-            if film is None or not reads_films(decoder.layout)
-            else FilmReader(decoder.layout, film, seen, fps, timing)
+            FilmReader(decoder.layout, films, seen, fps, timing) if films else self._pairs
         )
+        self.prepare = (films or decoder).prepare
+        """Says to what will decode that frames of this layout come soon."""
         self._toggles = make_toggles(self.layout)
         self.restart()
-
-    def prepare(self) -> None:
-        """Get ready: frames of this layout will soon come."""
-        self._source.prepare()
 
     def restart(self) -> None:
         """Forget the clock and the frames that wait for it; the collector keeps what it has."""
