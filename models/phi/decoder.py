@@ -4,15 +4,12 @@ from dataclasses import asdict
 
 import numpy as np
 import torch
-from numpy.polynomial import Legendre
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from link.errors import UnsuitedError
 from link.layout import Layout
 from link.ratex import SAMPLES, TILES, sample_grid, sample_position, tile_labels
 from models.onnx_ops import table
-from models.paper.oorc import inverse_response
 from models.phi.config import CHANNELS, DecoderConfig
 from models.phi.phi import PhiPolynomial
 from models.phi.reduce import Reduce
@@ -268,18 +265,6 @@ class PhiDecoder(nn.Module):
         if with_weight:
             means = torch.cat([means, total], dim=1)
         return means.flatten(2)
-
-    def inverse_response(self, head: NDArray[np.float64]) -> Legendre:
-        """Read the inverse response g off the head of a frame pair.
-
-        Args:
-            head: (n_features + 1,) weights of the features, then the bias.
-
-        Returns:
-            g from captured intensities in [0, 1] to displayed ones. Its scale and offset mean
-            nothing, because the SVM leaves them free.
-        """
-        return inverse_response(head[: self.config.degree])
 
     def for_layout(self, layout: Layout) -> "PhiDecoder":
         """Build a decoder for another layout of the same kind that shares this one's parameters.
