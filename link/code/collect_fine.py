@@ -97,16 +97,6 @@ class CodedScores:
         return enough or (2 * self.seen >= self.terms.frames and self.seen % turn == 0)
 
 
-@dataclass(frozen=True)
-class Attempt:
-    """Decoding that is under way, of the scores that a loop had collected when it began."""
-
-    loop: CodedScores
-    """Scores of the loop; more may have been added since decoding began."""
-    steps: Steps[Content | None]
-    """Steps of the decoding, which return the message or None."""
-
-
 @dataclass
 class WaitingFrame:
     """A frame that cannot be used yet."""
@@ -137,7 +127,8 @@ class FineCollector:
         self.attempts = 0
         self._terms: Terms | None = None
         self._loop: CodedScores | None = None
-        self._attempt: Attempt | None = None
+        # a loop that is being decoded, to which more may have been added since, and the steps
+        self._attempt: tuple[CodedScores, Steps[Content | None]] | None = None
         self._due = False
         self._delivered: Terms | None = None
         self._forget_terms()
@@ -294,16 +285,16 @@ class FineCollector:
                 self.attempts += 1
                 self._due, self._loop.tried = False, self._loop.progress
                 steps = coded_decoding_steps(self._loop.sums, self._loop.terms)
-                self._attempt = Attempt(self._loop, steps)
+                self._attempt = self._loop, steps
+            loop, steps = self._attempt
             try:
                 while spent < work:
-                    spent += next(self._attempt.steps)
+                    spent += next(steps)
                 return None
             except StopIteration as end:
-                loop, content = self._attempt.loop, end.value
                 self._attempt = None
-                if content is not None:
-                    return self._deliver(loop, content)
+                if end.value is not None:
+                    return self._deliver(loop, end.value)
 
     def _deliver(self, loop: CodedScores, content: Content) -> Message:
         """Make the message that was decoded of a loop; it ends the collection."""
