@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from link.images import as_gray, as_rgb
 from link.steps import Steps, run_to_end
 from link.types import Corners, Image
-from receiver.locate.edges import FEATURES, side_features, snap_to_edges
+from receiver.locate.edges import side_features, snap_to_edges
 from receiver.locate.quads import (
     SAME_PX,
     distinct,
@@ -45,8 +45,8 @@ NEAR = 3.0
 for the display: a light bezel, which is nested in the same way, has more edges than the picture,
 but is not taken to be 20 times as likely (e to the 3). Chosen by hand."""
 WEIGHTS = np.array([11.0, 1.57, 15.14, 4.98, 1.93, -2.3, 6.83, 5.43, -11.79])
-"""Log-odds per unit of each of `receiver.locate.edges.FEATURES`, fitted on simulated photographs by
-reports.lab.locate_weights at the tag results-2026-11."""
+"""Log-odds per unit of each of `receiver.locate.edges.side_features`, fitted on simulated
+photographs by reports.lab.locate_weights at the tag results-2026-11."""
 BIAS = -22.02
 """Log-odds of a quadrilateral whose features are all 0, fitted with `WEIGHTS`."""
 
@@ -87,33 +87,6 @@ def candidate_steps(image: Image, limit: int = CANDIDATES) -> Steps[list[Located
     Returns:
         what `display_candidates` returns.
     """
-    quads, features, scale = yield from gathering_steps(image)
-    if not len(quads):
-        return []
-    odds = features @ WEIGHTS + BIAS
-    first = top = int(odds.argmax())
-    # a light bezel's outline may show more edges than the picture within
-    while len(within := np.flatnonzero(nested(quads, quads[first]) & (odds > odds[top] - NEAR))):
-        first = int(within[odds[within].argmax()])
-    odds[first] = odds[top] + 1e-6
-    chosen = distinct(quads, odds, limit, SAME_PX)
-    scores = 1 / (1 + np.exp(-odds))
-    return [Located(on_full_image(quads[i], scale), float(scores[i])) for i in chosen]
-
-
-def gathering_steps(
-    image: NDArray[np.uint8],
-) -> Steps[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]]:
-    """Collect all quadrilaterals that lines, outlines and edges make, and what speaks for each.
-
-    Args:
-        image: an `Image`.
-
-    Returns:
-        (N, 4, 2) px of a small copy of the image, (N, features) as
-        `receiver.locate.edges.side_features` gives them, and (2,) pixels of the image in one of the
-        copy.
-    """
     small, scale = small_copy(image)
     gray = as_gray(small)
     lines = from_lines(gray, LINE_QUADS)
@@ -123,11 +96,21 @@ def gathering_steps(
         smooth = cv2.GaussianBlur(gray, (0, 0), 0.7).astype(np.float32)
         quads = np.concatenate([snap_to_edges(smooth, quads, SNAP_PX), quads])
         quads = upright(quads[is_sound(quads, gray.shape[1], gray.shape[0])])
-    if len(quads):  # many snap to the same edges
-        quads = quads[np.unique(np.rint(quads / 1.5).reshape(-1, 8), axis=0, return_index=True)[1]]
-    features = side_features(small, quads) if len(quads) else np.empty((0, len(FEATURES)))
+    if not len(quads):
+        yield SIDES_WORK
+        return []
+    # many snap to the same edges
+    quads = quads[np.unique(np.rint(quads / 1.5).reshape(-1, 8), axis=0, return_index=True)[1]]
+    odds = side_features(small, quads) @ WEIGHTS + BIAS
     yield SIDES_WORK
-    return quads, features, scale
+    first = top = int(odds.argmax())
+    # a light bezel's outline may show more edges than the picture within
+    while len(within := np.flatnonzero(nested(quads, quads[first]) & (odds > odds[top] - NEAR))):
+        first = int(within[odds[within].argmax()])
+    odds[first] = odds[top] + 1e-6
+    chosen = distinct(quads, odds, limit, SAME_PX)
+    scores = 1 / (1 + np.exp(-odds))
+    return [Located(on_full_image(quads[i], scale), float(scores[i])) for i in chosen]
 
 
 def leaving_quads(image: Image, limit: int) -> list[Corners]:

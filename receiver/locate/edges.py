@@ -95,17 +95,6 @@ def profiles(
     return np.asarray(taken.reshape(*at.shape[:-1], *image.shape[2:]), np.float32)
 
 
-FEATURES = (
-    "sides", "second weakest side", "wrong step", "rim contrast", "even rim", "against beyond",
-    "size", "lines beside", "sides go on",
-)  # fmt: skip
-"""Names of the columns of `side_features`: the share of places along the sides that are brighter
-inside, and that of the second weakest side; the share that is darker; picture against the darkest
-of the rim outside; evenness of the rim's colour; picture against what lies beyond; root of the
-share of the image; steps beside the sides, and on their continuation beyond the corners, where a
-display ends."""
-
-
 def side_features(small: NDArray[np.uint8], quads: NDArray[np.float64]) -> NDArray[np.float64]:
     """Measure what speaks for each quadrilateral being a lit display.
 
@@ -114,7 +103,11 @@ def side_features(small: NDArray[np.uint8], quads: NDArray[np.float64]) -> NDArr
         quads: (N, 4, 2) in its pixels.
 
     Returns:
-        (N, len(FEATURES)) float64, one column for each of `FEATURES`.
+        (N, 9) float64: the share of places along the sides that are brighter inside, and that of
+        the second weakest side; the share that is darker; picture against the darkest of the rim
+        outside; evenness of the rim's colour; picture against what lies beyond; root of the share
+        of the image; steps beside the sides, and on their continuation beyond the corners, where a
+        display ends.
     """
     image = small.astype(np.float32)
     red, green, blue = cv2.split(image)
