@@ -13,8 +13,6 @@ const AHEAD = Float64Array.from(receiverLocateEdges.AHEAD);
 
 /** Number of places along a side where what lies well inside is looked at. */
 const CONTENT_SAMPLES = 12;
-/** Number of features of `sideFeatures`. */
-export const FEATURES = 9;
 
 /**
  * Spread places evenly along a side, from 0.03 to 0.97 of its length.
@@ -107,7 +105,7 @@ export function edgeLevels(small) {
  * @param {BytePlane} small
  * @param {Quad} quad - in its pixels
  * @param {{ white: number, unit: number }} levels - `edgeLevels` of the image
- * @returns {number[]} (FEATURES,) the share of places along the sides that are brighter inside, and
+ * @returns {number[]} (9,) the share of places along the sides that are brighter inside, and
  *   that of the second weakest side; the share that is darker; picture against the darkest of the
  *   rim outside; evenness of the rim; picture against what lies beyond; root of the share of the
  *   image; steps beside the sides, and on their continuation beyond the corners, where a display
