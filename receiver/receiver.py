@@ -7,7 +7,6 @@ finds (`receiver.reading.reader`).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from time import perf_counter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -165,12 +164,11 @@ class Receiver:
         """
         frame = as_uint8(image)
         self.frames += 1
-        start = perf_counter()
         if self._repeats.is_repeat(frame):  # it was not exposed at this time
             self.found += self._last is not None
             return ReceiverStep(self._last, [], self._reader.go_on())
-        seen = self._last = self._find(frame, time)
-        self.timing.add("track", start)
+        with self.timing.stage("track"):
+            seen = self._last = self._find(frame, time)
         if seen is None:
             step = ReceiverStep(None, [], self._reader.go_on())
         else:

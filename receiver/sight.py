@@ -1,5 +1,7 @@
 """What the receiver notes: the time spent in each stage, and sums of what the frames show."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from time import perf_counter
 
@@ -20,10 +22,13 @@ class StageTimes:
     count: dict[str, int] = field(default_factory=dict)
     """Number of times that each stage ran, by its name."""
 
-    def add(self, stage: str, since: float) -> None:
-        """Add the time since ``since`` (of `perf_counter`) to a stage."""
-        self.spent[stage] = self.spent.get(stage, 0.0) + perf_counter() - since
-        self.count[stage] = self.count.get(stage, 0) + 1
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Add the time that the statements of a ``with`` take to a stage."""
+        start = perf_counter()
+        yield
+        self.spent[name] = self.spent.get(name, 0.0) + perf_counter() - start
+        self.count[name] = self.count.get(name, 0) + 1
 
 
 @dataclass

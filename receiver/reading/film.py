@@ -6,7 +6,6 @@ Now and then a `FilmReader` hands a window of the last frames to the film decode
 
 from collections import deque
 from collections.abc import Iterator, Sequence
-from time import perf_counter
 
 import numpy as np
 
@@ -147,10 +146,10 @@ class FilmReader:
         first = spans[begin][0]
         over = np.inf if end == len(frames) else clock.number(now + clock.earliest) / 2
         done = [number for number in numbers if number <= min(last, over - 1)] or numbers[:1]
-        start = perf_counter()
-        window = self._cut(frames[begin:end], clock, first, last)
-        scores = self._decoder.decode(window).scores.reshape(last + 1 - first, -1)  # (P n_bits,)
-        self._timing.add("film", start)
+        with self._timing.stage("film"):
+            window = self._cut(frames[begin:end], clock, first, last)
+            scores = self._decoder.decode(window).scores  # (P n_bits,)
+        scores = scores.reshape(last + 1 - first, -1)
         for number in done:
             if first <= number <= last:
                 soft = SoftBits(scores[number - first])
@@ -183,14 +182,13 @@ class FilmReader:
         placements = [frame.placement for frame in frames[begin:] if frame.placement is not None]
         if len(placements) < 2 or len(placements) < len(frames) - begin:
             return
-        start = perf_counter()
-        changes = changes_of_bits(scores, self._layout)  # (P, rows, cols)
-        mixture = window.mixture
-        shares = mixture.shares * (mixture.pair >= 0)[:, :, None, None]
-        expected = (shares * changes[mixture.pair])[begin:].sum(1)  # (T, S, rows, cols)
-        images = [frame.rectified for frame in frames[begin:]]
-        placements[-1].shift.take(images, expected, placements)
-        self._timing.add("correct", start)
+        with self._timing.stage("correct"):
+            changes = changes_of_bits(scores, self._layout)  # (P, rows, cols)
+            mixture = window.mixture
+            shares = mixture.shares * (mixture.pair >= 0)[:, :, None, None]
+            expected = (shares * changes[mixture.pair])[begin:].sum(1)  # (T, S, rows, cols)
+            images = [frame.rectified for frame in frames[begin:]]
+            placements[-1].shift.take(images, expected, placements)
 
 
 def pairs_shown(clock: DisplayClock, time: float) -> tuple[int, int]:

@@ -2,7 +2,6 @@
 
 from collections import deque
 from collections.abc import Iterator
-from time import perf_counter
 
 import numpy as np
 
@@ -65,13 +64,12 @@ class PairReader:
 
     def decode(self, number: int, shown: States) -> ReadPair:
         """Decode the two states of the pair of a number, and erase what is covered or impure."""
-        start = perf_counter()
-        purity = np.minimum(shown.original.purity, shown.embedded.purity)
-        unseen = unseen_blocks(*shown.images, purity, self._layout)
-        soft = self._decoder.decode(*fill_unseen(shown.images, unseen, self._layout))
-        trust = trust_of_purity(shown.purity)
-        scores = soft.scores * trust * ~self._occlusion.covered(shown.original.image)
-        self._timing.add("decode", start)
+        with self._timing.stage("decode"):
+            purity = np.minimum(shown.original.purity, shown.embedded.purity)
+            unseen = unseen_blocks(*shown.images, purity, self._layout)
+            soft = self._decoder.decode(*fill_unseen(shown.images, unseen, self._layout))
+            trust = trust_of_purity(shown.purity)
+            scores = soft.scores * trust * ~self._occlusion.covered(shown.original.image)
         return ReadPair(number, SoftBits(scores, soft.head), shown, 1 - float(trust.mean()))
 
     def _compose(self, clock: DisplayClock, end: float, *, over: bool) -> None:
@@ -92,15 +90,12 @@ class PairReader:
             and end >= 2 * self._next + 2
             and (over or len(self._waiting) < PAIRS_A_FRAME)
         ):
-            start = perf_counter()
-            original, embedded = (
-                compose_state(frames, clock, state)
-                for state in self._layout.code.states_of(self._next)
-            )
+            states = self._layout.code.states_of(self._next)
+            with self._timing.stage("compose"):
+                original, embedded = (compose_state(frames, clock, state) for state in states)
             self._next += 1
             while frames and clock.number(frames[0].time + clock.latest) < 2 * self._next:
                 self.read_until = frames.popleft().time  # no other pair needs it
             if original is not None and embedded is not None:
                 shown = States(original, embedded, self._layout.message_mask)
                 self._waiting.append((self._next - 1, shown))
-            self._timing.add("compose", start)

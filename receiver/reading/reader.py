@@ -5,7 +5,6 @@ the display and hands its frames to the reader of its layout (`receiver.receiver
 """
 
 from dataclasses import dataclass
-from time import perf_counter
 
 import numpy as np
 
@@ -108,18 +107,17 @@ class DisplayReader:
             frame pairs that could be decoded with it, in order, and the message where it became
             whole.
         """
-        start = perf_counter()
-        if frame.anew:
-            self._source.begin_anew()
-        for each in (*frame.before, frame):
-            self._seen.add(each)
-        if frame.clock is not None:
-            self.sync.begin(frame.clock, frame.time)
-        self.sync.update(self._seen.toggles, frame.time)
-        if self.sync.slips != self._slips:
-            self._slips = self.sync.slips
-            self._start_run()
-        self._timing.add("synchronise", start)
+        with self._timing.stage("synchronise"):
+            if frame.anew:
+                self._source.begin_anew()
+            for each in (*frame.before, frame):
+                self._seen.add(each)
+            if frame.clock is not None:
+                self.sync.begin(frame.clock, frame.time)
+            self.sync.update(self._seen.toggles, frame.time)
+            if self.sync.slips != self._slips:
+                self._slips = self.sync.slips
+                self._start_run()
         pairs, message = self._decode_ready(frame.time)
         self._seen.let_go(self._source.read_until)
         return pairs, message if pairs else self.go_on()
@@ -135,10 +133,8 @@ class DisplayReader:
         """
         if not self.collector.decoding:
             return None
-        start = perf_counter()
-        message = self.collector.go_on(work)
-        self._timing.add("collect", start)
-        return message
+        with self._timing.stage("collect"):
+            return self.collector.go_on(work)
 
     def finish(self) -> tuple[list[DecodedPair], Message | None]:
         """Decode what is left when the frames have ended; images without a clock by their order."""
@@ -178,9 +174,8 @@ class DisplayReader:
         """
         self.mixed += read.mixed
         self.decoded += 1
-        start = perf_counter()
-        message = self.collector.add(read.soft.scores, read.number, work)
-        self._timing.add("collect", start)
+        with self._timing.stage("collect"):
+            message = self.collector.add(read.soft.scores, read.number, work)
         progress = self.collector.progress
         return DecodedPair(read.number, time, read.soft, read.shown, progress), message
 
