@@ -1,13 +1,13 @@
 """Write the constants that the page shares with Python: generated/constants.js, and events.d.ts.
 
-Every constant of these modules stands in Python alone. The file has one object for each module that
-the page's JavaScript names, with its constants under their Python names, each with its docstring as
-its comment. The page's build and the tests write it; it is not kept in the repository.
+Every constant of these modules stands in Python alone. The file has one object for each module,
+with its constants under their Python names, each with its docstring as its comment. The bundle
+takes what the page's JavaScript names. The page's build and the tests write the file; it is not
+kept in the repository.
 """
 
 import ast
 import json
-import re
 from collections.abc import Iterator
 from importlib import import_module
 from inspect import cleandoc
@@ -42,8 +42,6 @@ SHARED = [
     if file.name != "__main__.py"
 ]
 """Names of the modules whose constants the page may share, by where they lie."""
-SOURCES = ("port", "page", "package", "tests")
-"""Folders of `web` that hold the page's JavaScript and its tests."""
 LONGEST_TUPLE = 4
 """Largest number of entries that a tuple of numbers may have to be of a fixed length to the page's
 types; longer ones are arrays of any length."""
@@ -58,10 +56,7 @@ def write_constants() -> None:
         " * Written by web/host/constants.py; change them in Python.",
         " */",
     ]
-    named = words_of_the_page()
     for module in SHARED:
-        if object_name(module) not in named:
-            continue
         parts += ["", f"export const {object_name(module)} = {{"]
         for name, value, text in constants_of(module):
             lines = text.splitlines()
@@ -73,12 +68,6 @@ def write_constants() -> None:
     for file, text in written.items():
         if not file.is_file() or file.read_text("utf-8") != text:
             write_bytes(file, text.encode())
-
-
-def words_of_the_page() -> set[str]:
-    """All words of the page's JavaScript, among them the names of the objects that it imports."""
-    files = [file for folder in SOURCES for file in (ROOT / "web" / folder).rglob("*.js")]
-    return {word for file in files for word in re.findall(r"\w+", file.read_text("utf-8"))}
 
 
 def object_name(module: str) -> str:
