@@ -30,8 +30,6 @@ class PilotTracker:
 
     def __init__(self, layouts: Sequence[Layout], fps: float) -> None:
         self._search = PilotSearch(layouts, fps)
-        self.layout = layouts[0]
-        """Layout of the display that was found last."""
         self._follower: Follower | None = None
         self._followed = 0
 
@@ -67,7 +65,6 @@ class PilotTracker:
 
     def _begin(self, found: PilotDisplay, image: Image, time: float) -> SeenFrame | None:
         """Begin to follow a display that was found, and show it in the frames of the search."""
-        self.layout = found.layout
         follower = Follower(found.layout, found.k, picture_moves=found.picture_moves)
         seen = self._accept(follower, image, time, found.corners, fresh=True)
         if seen is None:

@@ -47,7 +47,7 @@ def test_a_display_is_found_and_followed(film: Film) -> None:
     for number, (image, expected) in enumerate(zip(images, corners, strict=True)):
         tracked = tracker.follow(image, number / FPS)
         if tracked is not None:
-            assert tracker.layout == FINE
+            assert tracked.layout == FINE
             off.append(np.abs(tracked.corners - expected).max())
             assert tracked.rectified.shape == (FINE.height, FINE.width)
         seen.append(tracked is not None)
