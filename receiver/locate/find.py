@@ -56,10 +56,10 @@ quadrilateral's quarter turns that are aligned, the most promising ones; and cor
 patches at which no further quadrilateral is tried, above what is needed
 (`receiver.locate.refine.FEW_PATCHES_CORRELATION`) for any number of patches, chosen by hand."""
 PARTLY = (0.65, 1, 0.0)
-"""The same for a display of which some patches are out of view. More promise is wanted, because
-fewer patches match by chance more easily; of the guesses of a quadrilateral's perspective the most
-promising one is aligned; and whatever then shows the patches well enough is taken. Chosen by
-hand."""
+"""What it takes, as for `WHOLE`, to find a display of which some patches are out of view. More
+promise is wanted, because fewer patches match by chance more easily; of the guesses of a
+quadrilateral's perspective the most promising one is aligned; and whatever then shows the patches
+well enough is taken. Chosen by hand."""
 LEAVING_QUADS = 6
 """Largest number of quadrilaterals of lines that leave the image. It bounds the work of a search
 that finds nothing; chosen by hand."""
