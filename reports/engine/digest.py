@@ -7,15 +7,15 @@ not matter.
 
 import ast
 import hashlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable
 from contextlib import suppress
 from functools import lru_cache
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
-"""Folder of the checkout."""
+from link.modules import ROOT, imported_modules, module_file
+
 PACKAGES = ("numpy", "scipy", "opencv-python-headless", "scikit-image", "scikit-learn", "torch")
 """Installed packages that decide what a decoder answers, up to the processor's rounding."""
 DATA = {"data_gen.pairs": ("data_gen/nuisances.json",)}
@@ -44,7 +44,7 @@ def code_digest(*modules: str, root: Path = ROOT) -> str:
     digest = hashlib.sha256()
     for module in imported_modules(modules, root):
         digest.update(module.encode())
-        digest.update(_statements(_file(module, root)).encode())
+        digest.update(_statements(module_file(module, root)).encode())
         digest.update(file_digest(root / name for name in DATA.get(module, ())).encode())
     return digest.hexdigest()
 
@@ -56,7 +56,7 @@ def outside_digest(module: str) -> str:
     Args:
         module: dotted name of a module that can be imported.
     """
-    if _file(module, ROOT).is_file():
+    if module_file(module).is_file():
         return ""
     spec = None
     with suppress(ValueError):  # a module that was made on the spot has none
@@ -64,25 +64,6 @@ def outside_digest(module: str) -> str:
     folders = list(spec.submodule_search_locations or ()) if spec else []
     files = [file for folder in folders for file in sorted(Path(folder).rglob("*.py"))]
     return file_digest(files or [Path(spec.origin or "")] if spec else [])
-
-
-def imported_modules(modules: Sequence[str], root: Path = ROOT) -> list[str]:
-    """These modules and all modules below ``root`` that they import, wherever the import stands.
-
-    >>> "link.ratex" in imported_modules(["models.paper.oorc"])
-    True
-    >>> "sender.player" in imported_modules(["models.paper.oorc"])
-    False
-    """
-    found: dict[str, None] = {}
-    waiting = list(modules)
-    while waiting:
-        module = waiting.pop()
-        if module in found or not _file(module, root).is_file():
-            continue
-        found[module] = None
-        waiting += _imports(module, root)
-    return sorted(found)
 
 
 def short_digest(*parts: str) -> str:
@@ -97,24 +78,6 @@ def short_digest(*parts: str) -> str:
 def package_versions() -> list[str]:
     """Name and version of each of `PACKAGES`."""
     return [f"{package} {version(package)}" for package in PACKAGES]
-
-
-def _file(module: str, root: Path) -> Path:
-    """Path that the file of a module has if the module is ours."""
-    place = root / module.replace(".", "/")
-    return place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
-
-
-def _imports(module: str, root: Path) -> Iterator[str]:
-    """Names that may be modules of ours, from every import statement of a module."""
-    for node in ast.walk(ast.parse(_file(module, root).read_text("utf-8"))):
-        if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.module is not None:
-            names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-        else:
-            continue
-        yield from names
 
 
 def _statements(file: Path) -> str:

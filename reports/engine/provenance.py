@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from reports.engine.digest import ROOT
+from link.modules import ROOT
 
 STATED_PACKAGES = (
     "torch", "kornia", "numpy", "opencv-python-headless", "scikit-learn", "onnxruntime",

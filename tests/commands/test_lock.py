@@ -17,9 +17,9 @@ from conftest import Command, Refuses, cases, files_in, refusal, run_process
 import train
 from link.errors import InputError
 from link.files.lock import LOCK, locked
+from link.modules import ROOT
 from models import PRETRAINED
 from reports.engine.backends import Backend
-from reports.engine.digest import ROOT
 from reports.engine.predict import predict_all
 from reports.engine.stored import resume
 

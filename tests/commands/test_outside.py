@@ -20,11 +20,11 @@ from link.images import files, write_bytes
 from link.images.files import read_image
 from link.images.video import VideoReader
 from link.layout import make_layout
+from link.modules import ROOT
 from link.outside import inside, parse_json, read_bounded, read_json
 from models.phi.checkpoint import MAX_STATE_BYTES, MAX_WEIGHTS_BYTES
 from receiver.locate.find import locate
 from reports.captured.sent import read_settings
-from reports.engine.digest import ROOT
 from reports.run import RunFolder
 
 FILES = ("run.json", "predictions.jsonl", "stories.json", "config.json")

@@ -16,6 +16,7 @@ from data_gen.frame_pair import Source
 from export.parity import Parity
 from link.errors import InputError
 from link.layout import make_layout
+from link.modules import imported_modules
 from models import PRETRAINED
 from models.phi import checkpoint
 from models.phi.checkpoint import load_checkpoint
@@ -23,7 +24,6 @@ from models.phi.config import FULL, DecoderConfig
 from models.phi.decoder import START_LOG_TEMPERATURE, PhiDecoder
 from models.phi.refine import MOMENTS
 from models.phi.training import initial_decoder, training_step
-from reports.engine.digest import imported_modules
 from reports.evaluation.trained import FEW
 from train import TrainConfig
 

@@ -23,11 +23,12 @@ import evaluate
 from data_gen.frame_pair import Cell, Source
 from link.errors import InputError
 from link.layout import make_layout
+from link.modules import ROOT, imported_modules
 from reports.engine import backends
 from reports.engine import predict as engine
 from reports.engine.backends import Backend, make_backend, one_thread, run_tasks
 from reports.engine.checked import read_sealed
-from reports.engine.digest import DATA, ROOT, code_digest, file_digest, imported_modules
+from reports.engine.digest import DATA, code_digest, file_digest
 from reports.engine.methods import Method
 from reports.engine.predict import Condition, checkpoint_digest, fingerprint, predict, predict_all
 

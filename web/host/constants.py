@@ -17,14 +17,13 @@ from typing import Any
 import numpy as np
 
 from link.images import write_bytes
+from link.modules import ROOT
 from web.package.schema import events_types
 
-GENERATED = Path(__file__).parents[1] / "generated" / "constants.js"
+GENERATED = ROOT / "web" / "generated" / "constants.js"
 """The file of constants."""
 EVENTS = GENERATED.with_name("events.d.ts")
 """The file of the types of events."""
-ROOT = Path(__file__).parents[2]
-"""Folder of the checkout."""
 SHARED = [
     ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
     for place in (

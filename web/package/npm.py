@@ -7,10 +7,10 @@ from pathlib import Path
 
 from link import __version__
 from link.images import write_bytes
+from link.modules import ROOT
 from web.host.constants import EVENTS, write_constants
 from web.host.site import WEB, install_packages, run_node, write_presets
 from web.package.schema import events_schema
-from web.package.wheel import ROOT
 
 
 def write_npm_package(folder: Path) -> Path:

@@ -7,7 +7,6 @@ below `oorc_receiver._checkout`, with its imports rewritten. hatchling makes the
 import ast
 import json
 import tomllib
-from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -15,11 +14,10 @@ from hatchling.builders.wheel import WheelBuilder
 
 from link import __version__
 from link.images import write_bytes
+from link.modules import ROOT, imported_modules, module_file
 from models import FILM_GRAPH, shipped_graphs
 from web.package.schema import events_schema
 
-ROOT = Path(__file__).parents[2]
-"""Folder of the checkout."""
 NAME = "oorc_receiver"
 """Import name of the package."""
 API = "web.package.api"
@@ -82,56 +80,27 @@ def package_files() -> dict[str, bytes]:
     """Collect the files of the package, by their paths in site-packages."""
     inside = f"{NAME}/_checkout"
     files = {
-        f"{NAME}/__init__.py": rewritten(_file_of(API)),
+        f"{NAME}/__init__.py": rewritten(module_file(API)),
         f"{NAME}/py.typed": b"",
         f"{NAME}/events.schema.json": json.dumps(events_schema(), indent=1).encode(),
         f"{inside}/__init__.py": b"",
     }
-    for module in sorted(needed_modules(API) - {API}):
-        file = _file_of(module)
+    imported = [module.split(".") for module in imported_modules([API]) if module != API]
+    modules = {".".join(words[:end]) for words in imported for end in range(1, len(words) + 1)}
+    for module in sorted(modules):
+        file = module_file(module)
         files[f"{inside}/{file.relative_to(ROOT).as_posix()}"] = rewritten(file)
     for graph in (*shipped_graphs().values(), FILM_GRAPH):
         files[f"{inside}/{graph.relative_to(ROOT).as_posix()}"] = graph.read_bytes()
     return files
 
 
-def needed_modules(module: str) -> set[str]:
-    """Find the modules of the checkout that a module imports, itself and theirs included."""
-    found: set[str] = set()
-    waiting = [module]
-    while waiting:
-        name = waiting.pop()
-        if name in found:
-            continue
-        found.add(name)
-        for node in imports(ast.parse(_file_of(name).read_text("utf-8"))):
-            modules = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-            parts = [name.split(".") for name in modules if name and _file_of(name).is_file()]
-            waiting += [
-                ".".join(words[:end]) for words in parts for end in range(1, len(words) + 1)
-            ]
-    return found
-
-
-def imports(tree: ast.Module) -> Iterator[ast.ImportFrom]:
-    """Find each ``from … import`` of a module of the checkout, wherever it stands."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] in OWN:
-            yield node
-
-
 def rewritten(file: Path) -> bytes:
     """Read a module and put what it imports from the checkout below the package's name."""
     text = file.read_text("utf-8")
     lines = text.splitlines(keepends=True)
-    for node in imports(ast.parse(text)):
-        line = lines[node.lineno - 1]
-        own = f"from {node.module}"
-        lines[node.lineno - 1] = line.replace(own, f"from {NAME}._checkout.{node.module}", 1)
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] in OWN:
+            line, own = lines[node.lineno - 1], f"from {node.module}"
+            lines[node.lineno - 1] = line.replace(own, f"from {NAME}._checkout.{node.module}", 1)
     return "".join(lines).encode()
-
-
-def _file_of(module: str) -> Path:
-    """The file of a module of the checkout; one that does not exist where there is no such."""
-    path = ROOT / module.replace(".", "/")
-    return path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
