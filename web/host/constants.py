@@ -126,15 +126,15 @@ def plain(value: Any) -> Any:
 def js_value(value: Any) -> str:
     """Write a plain value as JavaScript; dicts become maps.
 
-    >>> js_value({1: (0.5, True)})
-    'new Map([[1, [0.5, true]]])'
+    >>> js_value({1: (0.5, True, float("inf"))})
+    'new Map([[1, [0.5, true, Infinity]]])'
     """
     if isinstance(value, dict):
         pairs = ", ".join(f"[{js_value(key)}, {js_value(held)}]" for key, held in value.items())
         return f"new Map([{pairs}])"
     if isinstance(value, tuple | list):
         return f"[{', '.join(map(js_value, value))}]"
-    return json.dumps(value, allow_nan=False)
+    return json.dumps(value)
 
 
 def js_type(value: Any) -> str:
