@@ -474,6 +474,10 @@ def test_a_camera_that_falls_silent_is_said_and_can_be_started_again(browser, ad
         wait_for(page, lambda: page.evaluate(used) == chosen, 20)
         page.reload()
         wait_for(page, lambda: page.evaluate(used) == chosen, 20)
+        page.add_init_script("HTMLMediaElement.prototype.play = () => new Promise(() => {})")
+        page.reload()  # now no picture comes at all
+        wait_for(page, lambda: text_of(page, "status") == "The camera sends no pictures", 20)
+        assert page.get_by_role("button", name="Start the camera again").is_visible()
 
 
 def test_what_the_camera_sees_is_read_and_can_be_saved(browser, address, tmp_path) -> None:

@@ -289,6 +289,7 @@ async function readCamera() {
     if (signal.aborted) return void stream.getTracks().forEach((track) => track.stop());
     video.srcObject = stream;
     video.classList.add("live");
+    watchCamera(stream.getVideoTracks()[0], signal); // one that sends no picture at all never plays
     await video.play();
     if (signal.aborted) return;
     overlay.resize(video.videoWidth, video.videoHeight);
@@ -298,7 +299,6 @@ async function readCamera() {
     showControls(stream.getVideoTracks()[0], signal).catch(() => {}); // they are left out
     void stayAwake();
     reception.begin(null);
-    watchCamera(stream.getVideoTracks()[0], signal);
     /** @type {import("./frames.js").Take} */
     const take = (pixels, time) => {
       times.frame = performance.now();
