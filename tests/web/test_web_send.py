@@ -339,7 +339,10 @@ def test_what_is_special_about_a_picture_is_said_or_done(sender: Page, tmp_path:
 def test_numbers_that_are_none_are_refused(sender: Page) -> None:
     sender.locator("details").last.evaluate("(element) => { element.open = true; }")
     sender.set_input_files("#key", given_file("key", KEY))
-    sender.locator("#counter").press_sequentially("e")  # which a browser gives as ""
+    counter = sender.locator("#counter")
+    counter.press_sequentially("e")  # which a browser gives as ""
+    if not counter.evaluate("(element) => element.validity.badInput"):
+        counter.press_sequentially("e")  # on a busy machine the first one may get lost
     sender.locator("#save").click()
     wait_for(sender, lambda: text_of(sender, "status").startswith("The counter is a whole number"))
     sender.set_input_files("#key", [])
