@@ -216,14 +216,15 @@ class Outline:
             return False
         matrix, _ = self._equations(self._reference, np.ones_like(self._reference))
         covariance = np.linalg.inv(matrix) * CORRELATED_PX * (LEAST_DEVIATION * 2) ** 2
-        errors = []
+        variances = []
         for x, y in UNIT_CORNERS:
             for axis, side in enumerate(self._inner):
                 along = np.zeros(8)
                 along[3 * axis : 3 * axis + 3] = x, y, 1
                 along[6:] = -(x, y)[axis] * x, -(x, y)[axis] * y
-                errors.append(side / 2 * np.sqrt(along @ covariance @ along))
-        return bool(max(errors) <= CLEAR_PX)
+                variances.append((side / 2) ** 2 * (along @ covariance @ along))
+        # slopes all along one line make the inverse so inexact that variances may be negative
+        return bool(min(variances) >= 0 and max(variances) <= CLEAR_PX**2)
 
 
 def _beyond(at: Array, margin: int, side: int) -> Array:
