@@ -127,17 +127,11 @@ class Surrounded:
     motion: Homography
     """Homography from the reference to the frame."""
 
-    def distance(self, corners: Corners) -> float:
-        """Tell how far corners are from those of the quadrilateral, as a share of its size."""
-        quad = self.outline.quad
-        turned = (np.roll(corners, turn, axis=0) for turn in range(4))
-        return min(float(np.abs(each - quad).max()) for each in turned) / self.outline.size
-
 
 def surroundings_of(corners: Corners, near: Sequence[Surrounded]) -> Surrounded | None:
     """Choose the quadrilateral that is nearest to corners of the reference; None where none is."""
-    nearest = min(near, key=lambda each: each.distance(corners), default=None)
-    return nearest if nearest is not None and nearest.distance(corners) <= ABOUT else None
+    nearest = min(near, key=lambda each: each.outline.distance(corners), default=None)
+    return nearest if nearest and nearest.outline.distance(corners) <= ABOUT else None
 
 
 class MovingOutline:
@@ -154,6 +148,7 @@ class MovingOutline:
         self.size = float(np.sqrt(cv2.contourArea(quad.astype(np.float32))))
         """Square root of the quadrilateral's area, pixels."""
         self._votes = 0
+        self._distances: dict[bytes, float] = {}
         self._outline = Outline(gray, quad, OUTLINE_WIDTH)
         self._border = Border(gray, quad)
 
@@ -161,6 +156,18 @@ class MovingOutline:
     def picture_moves(self) -> bool:
         """Whether the quadrilateral's picture has moved in another way than what surrounds it."""
         return self._votes >= VOTES
+
+    def distance(self, corners: Corners) -> float:
+        """Tell how far corners are from those of the quadrilateral, as a share of its size.
+
+        It is asked several times a frame of the same corners, so it is kept.
+        """
+        key = corners.tobytes()
+        if key not in self._distances:
+            turned = (np.roll(corners, turn, axis=0) for turn in range(4))
+            nearest = min(float(np.abs(each - self.quad).max()) for each in turned)
+            self._distances[key] = nearest / self.size
+        return self._distances[key]
 
     def take(self, gray: Gray, shown: Corners | None) -> Surrounded | None:
         """Find the quadrilateral in the next frame; None where its surroundings do not tell.
