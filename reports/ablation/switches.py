@@ -57,8 +57,7 @@ def row_method(row: str, checkpoint: Path | None) -> Method:
     elif row == "full" or row in REMOVED:
         config = replace(FULL, **REMOVED.get(row, {}))
     else:
-        own = checkpoint if row == "learned" else None
-        return replace(methods_for([row], own)[0], by_pairs=True)
+        return replace(methods_for([row], checkpoint)[0], by_pairs=True)
     return Method("phi", (("config", config),), label=row, by_pairs=True)
 
 

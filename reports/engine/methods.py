@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
-from link.errors import InputError, ParameterError, choose, each_once
+from link.errors import InputError, choose, each_once
 from link.frames import SoftBits
 from link.layout import Layout
 from link.observation import Observation
@@ -73,8 +73,7 @@ def methods_for(names: Sequence[str], checkpoint: Path | None = None) -> list[Me
         checkpoint: folder of the checkpoint of ``learned``.
 
     Raises:
-        InputError: a name is unknown or there twice, an option is none of its method, or there is a
-            checkpoint for no method.
+        InputError: a name is unknown or there twice, or an option is none of its method.
 
     >>> methods_for(["oorc", "oorc:C=0.1"])[1].options
     (('C', 0.1),)
@@ -86,8 +85,6 @@ def methods_for(names: Sequence[str], checkpoint: Path | None = None) -> list[Me
             options = (("checkpoint", checkpoint), *options)
         methods.append(Method(name, options, label=text if "=" in text else ""))
     each_once(methods=[method.label for method in methods])
-    if checkpoint is not None and "learned" not in [method.name for method in methods]:
-        raise ParameterError("run", "is a checkpoint of learned, which is not among the methods")
     return methods
 
 

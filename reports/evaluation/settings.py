@@ -128,6 +128,8 @@ def check_settings(config: EvaluateConfig) -> None:
     """Raise an `InputError` that names the first flag with a wrong value, or that clashes."""
     at_least(1, frames=config.frames, jobs=config.jobs)
     each_once(methods=config.methods)
+    if config.run is not None and "learned" not in [m.partition(":")[0] for m in config.methods]:
+        raise ParameterError("run", "is a checkpoint of learned, which is not among the methods")
     for name in config.sweeps or ():
         choose(SWEEPS, name, "sweep")
     choose(PROTOCOLS, config.protocol, "protocol")
