@@ -101,8 +101,17 @@ export function shareOf(corners, { width, height }) {
 }
 
 /** What browsers and onnxruntime say of a file of the site that is gone, cut off, or another one. */
-export const DAMAGED =
+const DAMAGED =
   /missing on the server|magic word|past end|unexpected end|not valid JSON|dynamically imported|load model/i;
+
+/**
+ * Tell whether a file of the site is at fault: it is newer than the page, missing or damaged.
+ *
+ * @param {string} reason - as the browser or the receiver says it
+ */
+export function isOfSite(reason) {
+  return reason.includes(RENEWED) || DAMAGED.test(reason);
+}
 
 /**
  * Say why the receiver will never work, and what to do.

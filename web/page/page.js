@@ -2,14 +2,14 @@
 
 import { codeAuthenticate } from "../generated/constants.js";
 import { textOf, utf8Of } from "../port/link/code/message.js";
-import { adviceFor, barOf, cameraTrouble, DAMAGED, failureOf, stateOf } from "./advice.js";
+import { adviceFor, barOf, cameraTrouble, failureOf, isOfSite, stateOf } from "./advice.js";
 import { LONG } from "../port/receiver/diagnosis.js";
 import { cameraControls, listCameras, openCamera, shortenExposure } from "./camera.js";
 import { filmFrames } from "./films.js";
 import { cameraFrames } from "./frames.js";
 import { Overlay } from "./overlay.js";
 import { Reception } from "./reception.js";
-import { download, keepForOffline, remember, remembered, RENEWED, started } from "./site.js";
+import { download, keepForOffline, remember, remembered, started } from "./site.js";
 import { linkOf, noteOf, sentence } from "./text.js";
 
 /** @import { Viewer } from "./films.js" */
@@ -82,7 +82,7 @@ const reception = new Reception({
   },
   failed(reason) {
     stop();
-    if (reason === RENEWED || DAMAGED.test(reason)) say(...failureOf(reason));
+    if (isOfSite(reason)) say(...failureOf(reason));
     else if (!sayFailure()) say("The receiver has stopped", sentence(reason));
   },
   step: showStep,

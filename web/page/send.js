@@ -5,11 +5,9 @@ import { encodeQR } from "qr";
 import { codeAuthenticate, senderCarrying, senderCompact } from "../generated/constants.js";
 import { framesNeeded } from "../port/link/code/framing.js";
 import { InputError } from "../port/link/errors.js";
-import { DAMAGED, failureOf } from "./advice.js";
+import { failureOf, isOfSite } from "./advice.js";
 import { carriedShare, openFilm, openPicture, pixelsOf, sizeOf } from "../port/sender/picture.js";
-import {
-  addressOf, checkVersion, download, keepForOffline, load, remember, remembered, RENEWED, started,
-} from "./site.js";
+import { addressOf, checkVersion, download, keepForOffline, load, remember, remembered, started } from "./site.js";
 import { linkOf } from "./text.js";
 
 /** @import { Remote } from "comlink" */
@@ -66,7 +64,7 @@ document.addEventListener("securitypolicyviolation", ({ effectiveDirective: part
 function sayError(error) {
   if (forbidden) return say(forbidden, true);
   const why = error instanceof Error ? error.message : String(error);
-  const unknown = why === RENEWED || DAMAGED.test(why) ? failureOf(why).join(": ") : `This did not work: ${why}`;
+  const unknown = isOfSite(why) ? failureOf(why).join(": ") : `This did not work: ${why}`;
   say(error instanceof InputError ? why : unknown, true);
 }
 

@@ -5,7 +5,7 @@ import { test } from "node:test";
 
 import { expose } from "comlink";
 import { turned } from "../port/image/turned.js";
-import { adviceFor, barOf, failureOf, shareOf, stateOf } from "../page/advice.js";
+import { adviceFor, barOf, failureOf, isOfSite, shareOf, stateOf } from "../page/advice.js";
 import { shortenExposure } from "../page/camera.js";
 import { risingTimes } from "../page/films.js";
 import { rateOf } from "../page/frames.js";
@@ -224,6 +224,7 @@ test("why the receiver will not work is said without jargon", () => {
     ["no WebAssembly", /in this browser: No WebAssembly\. Try/],
   ]) {
     assert.match(failureOf(/** @type {string} */ (reason)).join(": "), /** @type {RegExp} */ (said));
+    assert.equal(isOfSite(/** @type {string} */ (reason)), /renewed|missing|damaged/.test(String(said)));
   }
 });
 
