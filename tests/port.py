@@ -9,9 +9,9 @@ A test runs a function of Python and the one that was ported from it, and compar
 One process of Node.js answers the calls of all tests, so OpenCV is loaded once. Numbers, texts,
 None, lists and dicts go both ways. A NumPy array becomes a typed array in row-major order, but an
 image, which has two dimensions of uint8 or float32, becomes a plane. A `Layout` becomes the page's
-`Layout`. From there typed arrays come back as arrays of one dimension, planes as images, and plain
-objects as namespaces. Instances of classes, generators and functions stay there, and come back as a
-`Remote`. Promises are waited for.
+`Layout`. From there typed arrays come back as arrays of one dimension, planes and pictures as
+images, and plain objects as namespaces. Instances of classes, generators and functions stay there,
+and come back as a `Remote`. Promises are waited for.
 """
 
 import base64
@@ -96,7 +96,8 @@ class Port:
             return Remote(self, value)
         parts = {name: self._decoded(part) for name, part in value.items()}
         if parts.keys() == {"width", "height", "data"}:
-            return parts["data"].reshape(parts["height"], parts["width"])
+            whole = parts["data"].reshape(parts["height"], parts["width"], -1)
+            return whole[:, :, 0] if whole.shape[2] == 1 else whole
         return SimpleNamespace(**parts)
 
     def close(self) -> None:

@@ -17,6 +17,7 @@ from link.geometry import (
     rectify,
     transform,
 )
+from link.images import fit_picture
 from link.types import Array, Image
 from receiver.pilots.stabilise import FLOW_ENDS
 
@@ -69,6 +70,16 @@ def test_homographies_and_corners_that_are_sound(port: Port, rng: np.random.Gene
         for outside in (0.0, 0.25):
             sound = geometry.checkCorners(corners.tolist(), 160, 110, outside)
             assert sound == is_sound(corners, outside), (corners, outside)
+
+
+@pytest.mark.parametrize(
+    "size", [(96, 68), (40, 30), (64, 45), (129, 90), (127, 91), (256, 180), (300, 90)], ids=str
+)
+def test_pictures_are_fitted(port: Port, rng: np.random.Generator, size: tuple[int, int]) -> None:
+    """Cut, and averaged down or interpolated up, to the same levels in every pixel."""
+    picture = rng.integers(0, 256, (90, 128, 3), dtype=np.uint8)
+    given = {"width": 128, "height": 90, "data": picture.reshape(-1)}
+    same(port("image/fit.js").fitPicture(given, *size), fit_picture(picture, *size))
 
 
 @pytest.mark.parametrize(
