@@ -86,7 +86,7 @@ class Port:
         if not isinstance(value, dict):
             return value
         if "$array" in value:
-            kind = value["$array"].removesuffix("Array").lower()
+            kind = value["$array"].replace("ClampedArray", "").removesuffix("Array").lower()
             return np.frombuffer(base64.b64decode(value["base64"]), kind)
         if "$number" in value:
             return float(value["$number"])

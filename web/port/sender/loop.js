@@ -22,19 +22,33 @@ import { blockSteps } from "../link/strength.js";
  * @returns {Promise<any>} values of JSON's types
  */
 export async function makeLoop(preset, content, picture) {
+  const { turned, shown, steps, patches } = carrierOf(preset, picture);
+  const gray = shown.data.every((level, at) => level === shown.data[at - (at % 3)]);
+  const levels = gray ? shown.data.filter((_, at) => at % 3 === 0) : shown.data;
+  return {
+    ...(await loopOf(preset, content, shown, turned, patches)),
+    pictures: [await packed(levels, gray ? 1 : 3)],
+    steps: [steps && (await packed(steps))],
+  };
+}
+
+/**
+ * Prepare a picture for any message.
+ *
+ * @param {SendPreset} preset
+ * @param {Picture} picture - of the size at which it is shown
+ * @returns {{ turned: boolean, shown: Picture, steps: Uint8Array | null, patches: Uint8Array | null }}
+ *   whether it is shown on its side; the picture to which levels are added, as it lies on the grid;
+ *   steps of strength by block; and for each pixel the number of its change in a ratex patch, or 0
+ */
+export function carrierOf(preset, picture) {
   const turned = (picture.width - picture.height) * (preset.size[0] - preset.size[1]) < 0;
   const laid = turned ? turnedPicture(picture) : picture;
   const { rows, cols } = preset.loop;
   const steps = preset.even ? blockSteps(laid, rows, cols) : null;
   const shown = withRoom(laid, preset, steps);
   const patches = preset.ratex.length ? drawPatches(shown, preset) : null;
-  const gray = shown.data.every((level, at) => level === shown.data[at - (at % 3)]);
-  const levels = gray ? shown.data.filter((_, at) => at % 3 === 0) : shown.data;
-  return {
-    ...(await loopOf(preset, content, laid, turned, patches)),
-    pictures: [await packed(levels, gray ? 1 : 3)],
-    steps: [steps && (await packed(steps))],
-  };
+  return { turned, shown, steps, patches };
 }
 
 /**
@@ -159,4 +173,18 @@ export async function packed(numbers, channels = 1) {
     letters += String.fromCharCode(...bytes.subarray(at, at + 2 ** 15));
   }
   return btoa(letters);
+}
+
+/**
+ * Unpack what `packed` has packed.
+ *
+ * @param {string} text - base64
+ * @param {number} channels
+ */
+export async function unpacked(text, channels) {
+  const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+  const numbers = new Uint8Array(await new Response(stream).arrayBuffer());
+  for (let at = channels; at < numbers.length; at++) numbers[at] += numbers[at - channels];
+  return numbers;
 }
