@@ -172,6 +172,9 @@ def finished() -> None:
     (lambda: hidden_states(GRAY, b""), "argument", "empty"),
     (lambda: hidden_states(GRAY, b"hi", preset="none"), "argument", "unknown preset"),
     (lambda: hidden_states(GRAY, b"hi", preset=["paper"]), "argument", "unknown preset"),
+    (lambda: hidden_states(GRAY, bytes(2**21)), "argument", "bytes"),
+    (lambda: hidden_states(np.dstack([GRAY] * 4), b"hi"), "frame", "frames must be"),
+    (lambda: hidden_states(np.tile(GRAY, 4), b"hi"), "frame", "longer than 3:1; crop it"),
     slow(
         lambda: read_pair(*np.full((2, 480, 640), 90, np.uint8), model="robust"),
         "no-display",

@@ -301,8 +301,8 @@ def hidden_states(
         they must be shown pixel by pixel.
 
     Raises:
-        InputError: ``frame``: not an image; ``argument``: the preset is unknown, or the message is
-            empty or too long.
+        InputError: ``frame``: not an image, or longer than 3:1; ``argument``: the preset is
+            unknown, or the message is empty or too long.
     """
     with _coded("frame"):
         shown = as_rgb(as_uint8(picture))
@@ -312,7 +312,9 @@ def hidden_states(
         chosen = choose(PRESETS, preset, "preset")
         bits = encode(message, chosen.layout.n_bits)
         loop = Loop(chosen.layout, chosen.kappa, bits, lambda: iter([shown]), even=chosen.even)
-        return loop.states()
+    with _coded("frame"):
+        _ = loop.shown_layout  # is worked out now, so that nothing is refused later
+    return loop.states()
 
 
 def read_pair(
