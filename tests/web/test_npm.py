@@ -6,15 +6,25 @@ import shutil
 import subprocess
 import tarfile
 import time
+from hashlib import sha256
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
+import PIL.Image
 import pytest
+import skimage.data
 from browser import serve_folder
 from conftest import OpenWindow, run_process
 from pilot_films import TEXT, robust_film
 
+from link.images.files import read_image
+from link.presets import PRESETS
+from link.types import Image
 from web.host.site import WEB
+from web.package.api import hidden_states
 from web.package.npm import write_npm_package
 
 NEEDED = ("@noble", "@types", "onnxruntime-web", "onnxruntime-common")
@@ -35,7 +45,7 @@ def install_package(folder: Path) -> None:
 
 
 REFUSED = """
-import { load, InputError, Receiver } from "oorc-receiver";
+import { hiddenStates, load, InputError, Receiver } from "oorc-receiver";
 import { LiveReceiver } from "oorc-receiver/live.js";
 const [W, H] = [64, 48];
 const data = Uint8Array.from({ length: W * H }, (_, i) => (i * 7919) % 251);
@@ -56,7 +66,9 @@ const tell = async (task) => {
     told.push(isOne ? error.code : `${error}`);
   }
 };
+const text = new Uint8Array(9);
 await tell(() => of(30));
+await tell(() => hiddenStates(good, text));
 await tell(() => load("file:///nothing/"));
 await load();
 const frames = [
@@ -88,6 +100,17 @@ for (const task of ["finish", "push"]) {
 const taken = [1, 1.5, 4].map((size) => new Uint8ClampedArray(size * W * H));
 for (const data of taken) await tell(() => push({ ...good, data }));
 told.push("|");
+for (const picture of [...frames, { width: 16, height: 90, data: new Uint8Array(16 * 90) }]) {
+  if (picture?.data?.length !== 3 * W * H) await tell(() => hiddenStates(picture, text));
+}
+told.push("|");
+const state = (picture, message, options) => tell(() => hiddenStates(picture, message, options));
+const messages = [null, "text", [1], new Uint16Array(4), new Uint8Array(), new Uint8Array(2 ** 21)];
+for (const message of messages) await state(good, message);
+for (const preset of ["none", null, 1, NaN, {}, Symbol()]) await state(good, text, { preset });
+for (const options of [null, "fast", { presets: "fast" }]) await state(good, text, options);
+for (const size of [1, 3, 4]) await state({ ...good, data: new Uint8Array(size * W * H) }, text);
+told.push("|");
 const worker = { postMessage: (data) => self.onmessage({ data }), terminate: () => {} };
 globalThis.self = { postMessage: (data) => setTimeout(() => worker.onmessage({ data })) };
 await import("./node_modules/oorc-receiver/worker.js");
@@ -114,7 +137,7 @@ def test_all_that_is_wrong_is_refused_at_the_door_with_a_code(
     (tmp_path / "refused.mjs").write_text(REFUSED)
     told = json.loads(run_process("node", "refused.mjs", cwd=tmp_path).stdout)
     assert told == [
-        *["load"] * 2,
+        *["load"] * 3,
         *["frame"] * 12,
         "|",
         *["time"] * 8,
@@ -124,10 +147,91 @@ def test_all_that_is_wrong_is_refused_at_the_door_with_a_code(
         *["finished"] * 2,
         *["none"] * 3,
         "|",
+        *["frame"] * 12,
+        "|",
+        *["argument"] * 15,
+        *["none"] * 3,
+        "|",
         *["argument"] * 4,
         *[True, True, "end"],
         *["finished"] * 2,
     ]
+
+
+STATES = """
+import { createHash } from "node:crypto";
+import { readFileSync } from "node:fs";
+import { hiddenStates, load } from "oorc-receiver";
+const { pictures, presets, message, most } = JSON.parse(readFileSync("asked.json", "utf8"));
+await load();
+const told = [];
+for (const { name, width, height } of pictures) {
+  const picture = { width, height, data: readFileSync(name) };
+  for (const preset of presets) {
+    for (const state of hiddenStates(picture, new TextEncoder().encode(message), { preset })) {
+      const hash = createHash("sha256").update(state.data).digest("hex");
+      told.push([name, preset, state.width, state.height, hash]);
+      if (told.length % most === 0) break;
+    }
+  }
+}
+console.log(JSON.stringify(told));
+"""
+MOST = 4
+"""Number of states that are compared; the paper's loop of a short message has no fewer."""
+
+
+def pictures_of_many_kinds() -> dict[str, Image]:
+    """Photographs, large, small, dark, upright, gray and of odd sides; flat ones; clear ones."""
+    coffee = skimage.data.coffee()
+    resized = {"large": (2500, 1700), "small": (100, 75), "odd": (643, 485), "upright": (480, 641)}
+    clear = skimage.data.logo()
+    clear[:, :, 3] = np.linspace(0, 255, len(clear)).astype(np.uint8)
+    return {
+        "photograph": coffee,
+        "dark": coffee // 12,
+        "gray": skimage.data.camera(),
+        "flat": np.full((768, 1024, 3), 128, np.uint8),
+        "black": np.zeros((1080, 1920, 3), np.uint8),
+        "white": np.full((1080, 1920, 3), 255, np.uint8),
+        "logo": skimage.data.logo(),
+        "clear": clear,
+        **{name: cv2.resize(coffee, size) for name, size in resized.items()},
+    }
+
+
+@pytest.mark.slow
+def test_states_are_those_of_python_in_every_pixel(npm_package: Path, tmp_path: Path) -> None:
+    pictures = pictures_of_many_kinds()
+    (tmp_path / "node_modules").symlink_to(npm_package)
+    (tmp_path / "states.mjs").write_text(STATES)
+    asked = [
+        {"name": name, "width": picture.shape[1], "height": picture.shape[0]}
+        for name, picture in pictures.items()
+    ]
+    for name, picture in pictures.items():
+        (tmp_path / name).write_bytes(picture.tobytes())
+    wanted = {
+        "pictures": asked,
+        "presets": list(PRESETS),
+        "message": "Gr\u00fc\u00dfe",
+        "most": MOST,
+    }
+    (tmp_path / "asked.json").write_text(json.dumps(wanted))
+    told = json.loads(run_process("node", "states.mjs", cwd=tmp_path).stdout)
+    made = []
+    for name, picture in pictures.items():
+        given = picture
+        if picture.shape[2:] == (4,):
+            PIL.Image.fromarray(picture).save(tmp_path / f"{name}.png")
+            given = read_image(tmp_path / f"{name}.png")
+        for preset in PRESETS:
+            states = hidden_states(given, "Gr\u00fc\u00dfe".encode(), preset=preset)
+            for state in islice(states, MOST):
+                opaque = np.dstack([state, np.full(state.shape[:2], 255, np.uint8)])
+                height, width = state.shape[:2]
+                made.append([name, preset, width, height, sha256(opaque.tobytes()).hexdigest()])
+    assert told == made
 
 
 APP = """

@@ -277,7 +277,7 @@ def test_python_of_the_docs_runs_without_the_checkout(elsewhere: Path) -> None:
 
 EVENTS = """
 import { readFileSync } from "node:fs";
-import { type FilmEvent, load, Receiver } from "oorc-receiver";
+import { type FilmEvent, load, Receiver, type State } from "oorc-receiver";
 
 const SIZE: number = 640 * 480;
 await load();
@@ -289,6 +289,7 @@ for (let at = 0; at < film.length / SIZE; at++) {
   events.push(...(await receiver.push({ width: 640, height: 480, data }, at / 30)));
 }
 for (const event of [...events, ...(await receiver.finish())]) console.log(JSON.stringify(event));
+export const draw = ({ data, width }: State) => new ImageData(data, width);
 """
 
 
@@ -297,14 +298,22 @@ def test_javascript_of_the_docs_runs_without_the_checkout(
     elsewhere: Path, npm_package: Path
 ) -> None:
     (elsewhere / "node_modules").symlink_to(npm_package)
-    (elsewhere / "shown.mjs").write_text(next(code for language, code in SHOWN if language == "js"))
+    picture = np.random.default_rng(0).integers(0, 256, (300, 400, 3), dtype=np.uint8)
+    (elsewhere / "picture.rgb").write_bytes(picture.tobytes())
+    reading, sending = (code for language, code in SHOWN if language == "js")
+    (elsewhere / "shown.mjs").write_text(reading)
+    (elsewhere / "sent.mjs").write_text(sending)
     (elsewhere / "events.mts").write_text(EVENTS)
     compiler = WEB / "node_modules" / "typescript" / "bin" / "tsc"
     strict = ("--strict", "--module", "nodenext", "--target", "es2022", "--types", "node")
     run_in(elsewhere, "node", str(compiler), *strict, "--skipDefaultLibCheck", "events.mts")
-    both = 'await import("./shown.mjs"); await import("./events.mjs");'  # loads the package once
-    shown, *lines = run_in(elsewhere, "node", "--input-type=module", "-e", both).splitlines()
+    # which loads the package once
+    all_three = " ".join(f'await import("./{name}.mjs");' for name in ("shown", "events", "sent"))
+    shown, *lines = run_in(elsewhere, "node", "--input-type=module", "-e", all_three).splitlines()
     assert shown == TEXT
+    sent = (elsewhere / "states-512x384.rgba").read_bytes()
+    states = np.frombuffer(sent, np.uint8).reshape(-1, 384, 512, 4)
+    assert (states[:, :, :, :3] == list(hidden_states(picture, b"Hi", preset="robust"))).all()
     found = [json.loads(line) for line in lines]
     for event in found:
         check_event(event)

@@ -149,8 +149,6 @@ def run_node(command: Sequence[str]) -> str:
 def write_inputs(folder: Path) -> None:
     """Write what Python gives the pages: graphs, tables, the player, films, pictures and icons."""
     write_presets(folder)
-    sent = [send_preset(name, preset) for name, preset in PRESETS.items()]
-    write_bytes(folder / "send.json", json.dumps(sent).encode())
     write_bytes(folder / TEMPLATE.name, TEMPLATE.read_bytes())
     write_demo(folder)
     film = draw_warm_film(PRESETS[WARM_PRESET].layout)
@@ -162,7 +160,7 @@ def write_inputs(folder: Path) -> None:
 
 
 def write_presets(folder: Path) -> None:
-    """Write the film decoder's graph, and the layouts of the presets that the page reads."""
+    """Write the film decoder's graph, layouts that it reads, and all presets as they are sent."""
     tables = [
         {"name": name, "layout": layout_table(preset.layout)}
         for name, preset in PRESETS.items()
@@ -170,6 +168,8 @@ def write_presets(folder: Path) -> None:
     ]
     write_bytes(folder / "models/film.onnx", FILM_GRAPH.read_bytes())
     write_bytes(folder / MARK, json.dumps(tables, separators=(",", ":")).encode())
+    sent = [send_preset(name, preset) for name, preset in PRESETS.items()]
+    write_bytes(folder / "send.json", json.dumps(sent).encode())
 
 
 def draw_icon(side: int) -> NDArray[np.uint8]:

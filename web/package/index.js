@@ -1,13 +1,15 @@
 /**
- * Read hidden messages from camera frames: frames and times in, events out.
+ * Read hidden messages from camera frames: frames and times in, events out. `hiddenStates` makes what
+ * a display shows.
  *
  * Events are those that Python's `receiver` prints (receiver/stream.py). What this
  * module exports is promised to stay. Reading keeps a processor busy, so pages do it in a worker.
  */
 
 import * as ort from "onnxruntime-web/wasm";
-import { images, imagesVideo } from "../generated/constants.js";
+import { images, imagesVideo, placement, presets as known } from "../generated/constants.js";
 import { FilmGraph } from "../port/export/filmGraph.js";
+import { fitPicture } from "../port/image/fit.js";
 import { loadOpenCv } from "../port/image/opencv.js";
 import { Verifier } from "../port/link/code/authenticate.js";
 import { Layout } from "../port/link/layout.js";
@@ -16,6 +18,9 @@ import { planeOfFrame, planeOfRgba } from "../page/planes.js";
 import { explainSilence } from "../port/receiver/diagnosis.js";
 import { Inbox } from "../port/receiver/inbox.js";
 import { Receiver as FrameReceiver } from "../port/receiver/receiver.js";
+import { unpacked } from "../port/sender/loop.js";
+import { sizeOf } from "../port/sender/picture.js";
+import { statesOf } from "../port/sender/states.js";
 import { coded, InputError } from "./errors.js";
 import { messageEvent, pairEvent, rounded } from "./events.js";
 
@@ -41,11 +46,28 @@ export { InputError };
  *   no further step with a frame, milliseconds
  */
 
+/**
+ * A picture: pixels row by row, one byte each of gray, three of red, green and blue, or four with
+ * opacity, as `ImageData` has them. What is transparent is laid on white.
+ *
+ * @typedef {{ width: number, height: number, data: Uint8Array | Uint8ClampedArray }} GivenPicture
+ */
+/**
+ * A state, of which `new ImageData(data, width)` makes what a canvas shows.
+ *
+ * @typedef {Pick<ImageData, "width" | "height" | "data">} State
+ */
+
 /** Periods between two frames, and how often in a row, from which times are taken to be no seconds. */
 const [OTHER_UNIT, OFTEN] = [300, 3];
 
 /** Layouts that are looked for, by the name of their preset. @type {Map<string, Layout>} */
 const layouts = new Map();
+/**
+ * Presets that are shown, by name, with the levels that `statesOf` takes.
+ * @type {Map<string, { preset: import("../port/sender/loop.js").SendPreset, offsets: Uint8Array }>}
+ */
+const shown = new Map();
 /** Decodes windows of film, once it is loaded. @type {FilmGraph} */
 let film;
 
@@ -75,12 +97,18 @@ async function loadFrom(folder) {
     if (!response.ok) throw new Error(`${address}: ${response.status}; name the package's folder`);
     return new Uint8Array(await response.arrayBuffer());
   }
-  const [presets] = await Promise.all([
-    read("presets.json"),
+  /** @param {string} name */
+  const table = async (name) => JSON.parse(new TextDecoder().decode(await read(name)));
+  const [presets, sent] = await Promise.all([
+    table("presets.json"),
+    table("send.json"),
     read("opencv.wasm").then(loadOpenCv),
   ]);
-  for (const { name, layout } of JSON.parse(new TextDecoder().decode(presets))) {
+  for (const { name, layout } of presets) {
     if (!layouts.has(name)) layouts.set(name, new Layout(layout));
+  }
+  for (const preset of sent) {
+    shown.set(preset.name, { preset, offsets: await unpacked(preset.loop.offsets, 3) });
   }
   film ??= new FilmGraph(await read("models/film.onnx"));
 }
@@ -104,15 +132,9 @@ export class Receiver {
    * @throws {InputError} load() was not awaited, or an argument is no good
    */
   constructor(fps, options = {}) {
-    if (!film) throw new InputError("load", "await load() before the first receiver is made");
-    if (options === null || typeof options !== "object") {
-      throw new InputError("argument", `options: need an object, got ${options}`);
-    }
-    const { models, key = null, maxAgeS = null, scores = false, frameMs, ...others } = options;
-    const [unknown] = Object.keys(others);
-    if (unknown !== undefined) {
-      throw new InputError("argument", `options: ${unknown} is none of models, key, maxAgeS, scores, frameMs`);
-    }
+    checkLoaded();
+    checkOptions(options, ["models", "key", "maxAgeS", "scores", "frameMs"]);
+    const { models, key = null, maxAgeS = null, scores = false, frameMs } = options;
     checkNumber("fps", fps, imagesVideo.MIN_FPS, imagesVideo.MAX_FPS);
     if (frameMs !== undefined && frameMs !== Infinity) checkNumber("frameMs", frameMs, 0, 1e9);
     if (maxAgeS !== null) checkNumber("maxAgeS", maxAgeS, 0, Infinity);
@@ -252,6 +274,62 @@ export class Receiver {
 }
 
 /**
+ * Hide a message in a picture: the states of one loop, which a display shows over and over.
+ *
+ * @param {GivenPicture} picture
+ * @param {Uint8Array} message - 1 byte or more
+ * @param {{ preset?: string }} [options] - the preset: `hidden`, which is taken if it is absent and is
+ *   shown at 60 states a second, `fast` (30), `robust` or `paper` (15)
+ * @returns {Generator<State>} the states in turn, of at most 1920 x 1080 pixels, each made when it is
+ *   asked for; they must be shown pixel by pixel
+ * @throws {InputError} load() was not awaited, or an argument is no good
+ */
+export function hiddenStates(picture, message, options = {}) {
+  checkLoaded();
+  checkOptions(options, ["preset"]);
+  const { preset: name = known.DEFAULT_PRESET } = options;
+  const found = shown.get(name);
+  if (!found) {
+    throw new InputError("argument", `preset: ${asText(name)} is none of ${[...shown.keys()].join(", ")}`);
+  }
+  const { preset, offsets } = found;
+  if (!(message instanceof Uint8Array)) {
+    throw new InputError("argument", `message: need a Uint8Array, got ${asText(message)}`);
+  }
+  if (!message.length || message.length > preset.longest_bytes) {
+    const most = `1 to ${preset.longest_bytes} bytes with preset ${name}`;
+    throw new InputError("argument", `message: need ${most}, got ${message.length}`);
+  }
+  const laid = coded("frame", () => {
+    const given = rgbOf(picture);
+    const size = sizeOf(given, preset.size);
+    if (Math.max(...size) > placement.MAX_ASPECT * Math.min(...size) + 1) {
+      throw new Error(`a shown picture of ${size.join(" x ")} is longer than ${placement.MAX_ASPECT}:1; crop it`);
+    }
+    return fitPicture(given, size[0], size[1]);
+  });
+  return statesOf(preset, offsets, { data: Uint8Array.from(message), signed: false }, laid);
+}
+
+/** @throws {InputError} the package is not loaded */
+function checkLoaded() {
+  if (!film) throw new InputError("load", "await load() before anything else");
+}
+
+/**
+ * @param {unknown} options
+ * @param {string[]} names - of those that there are
+ */
+function checkOptions(options, names) {
+  if (options === null || typeof options !== "object") {
+    throw new InputError("argument", `options: need an object, got ${options}`);
+  }
+  const unknown = Object.keys(options).find((name) => !names.includes(name));
+  if (unknown === undefined) return;
+  throw new InputError("argument", `options: ${unknown} is none of ${names.join(", ")}`);
+}
+
+/**
  * @param {string} name - of an argument
  * @param {unknown} value
  * @param {number} least
@@ -272,21 +350,46 @@ function asText(value) {
 /** @param {Frame} frame */
 async function planeOf(frame) {
   if (typeof VideoFrame !== "undefined" && frame instanceof VideoFrame) return planeOfFrame(frame);
-  if (frame === null || typeof frame !== "object" || !("data" in frame)) {
-    throw new Error("a frame is a VideoFrame, or has width, height and data");
+  const { width, height, data, size } = pixelsOf(frame, "a frame is a VideoFrame, or", [1, 1.5, 4]);
+  if (size === 4) return planeOfRgba({ width, height, data });
+  return { width, height, data: Uint8Array.from(data.subarray(0, width * height)) };
+}
+
+/** @param {GivenPicture} picture @returns {import("../port/link/strength.js").Picture} */
+function rgbOf(picture) {
+  const { width, height, data, size } = pixelsOf(picture, "a picture", [1, 3, 4]);
+  const rgb = new Uint8Array(3 * width * height);
+  for (let to = 0, from = 0; to < rgb.length; from += size) {
+    for (let channel = 0; channel < 3; channel++, to++) {
+      const level = data[from + (size === 1 ? 0 : channel)];
+      const opacity = size === 4 ? data[from + 3] : 255;
+      rgb[to] = Math.round((level * opacity + 255 * (255 - opacity)) / 255);
+    }
   }
-  const { width, height, data } = frame;
-  const pixels = width * height;
+  return { width, height, data: rgb };
+}
+
+/**
+ * Take pixels, with the number of bytes that each of them has.
+ *
+ * @param {any} given
+ * @param {string} what - says what it is
+ * @param {number[]} sizes - numbers of bytes that a pixel may have
+ * @returns {GivenPicture & { size: number }}
+ */
+function pixelsOf(given, what, sizes) {
+  if (given === null || typeof given !== "object" || !("data" in given)) {
+    throw new Error(`${what} has width, height and data`);
+  }
+  const { width, height, data } = given;
   if (![width, height].every((side) => Number.isInteger(side) && side >= images.MIN_SIDE_PX)) {
     const sides = `${asText(width)} x ${asText(height)}`;
-    throw new Error(`a frame needs whole numbers of ${images.MIN_SIDE_PX} px or more, got ${sides}`);
+    throw new Error(`width, height: need whole numbers of ${images.MIN_SIDE_PX} px or more, got ${sides}`);
   }
   if (!(data instanceof Uint8Array || data instanceof Uint8ClampedArray)) {
     throw new Error("data: need a Uint8Array or Uint8ClampedArray");
   }
-  if (data.length === 4 * pixels) return planeOfRgba(frame);
-  if (data.length === pixels || data.length === 1.5 * pixels) {
-    return { width, height, data: Uint8Array.from(data.subarray(0, pixels)) };
-  }
-  throw new Error(`a frame needs 1, 1.5 or 4 bytes a pixel, got ${data.length} for ${width} x ${height}`);
+  const size = data.length / (width * height);
+  if (sizes.includes(size)) return { width, height, data, size };
+  throw new Error(`data: need ${sizes.join(", ")} bytes a pixel, got ${data.length} for ${width} x ${height}`);
 }
