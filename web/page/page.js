@@ -365,7 +365,7 @@ async function showControls(track, signal) {
       return button;
     }
     const slider = document.createElement("input");
-    Object.assign(slider, { type: "range", ...stringsOf(range) });
+    Object.assign(slider, { type: "range", ...range });
     slider.addEventListener("input", () => void set(slider.valueAsNumber));
     return labelled(name, slider);
   });
@@ -381,11 +381,6 @@ async function showControls(track, signal) {
     rows.push(labelled("Camera", choice));
   }
   if (!signal.aborted) byId("controls").replaceChildren(...rows);
-}
-
-/** @param {Record<string, number>} values @returns {Record<string, string>} */
-function stringsOf(values) {
-  return Object.fromEntries(Object.entries(values).map(([key, value]) => [key, String(value)]));
 }
 
 /**
