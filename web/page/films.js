@@ -9,6 +9,7 @@ import {
   BlobSource, EncodedPacketSink, Input, MATROSKA, MP4, QTFF, VideoSampleSink, WEBM,
 } from "mediabunny";
 import { imagesVideo } from "../generated/constants.js";
+import { InputError } from "../port/link/errors.js";
 import { rateOf } from "./frames.js";
 
 /** @import { InputVideoTrack, VideoSample } from "mediabunny" */
@@ -26,9 +27,6 @@ const MIN_GAP_S = 0.5 / MAX_FPS;
 
 /** Why a file is not read. */
 const NO_FILM = "the file is no film, or none that this page reads (mp4, mov, webm, mkv)";
-
-/** A film that is not read, or not to its end; the message says why. */
-export class Unreadable extends Error {}
 
 /**
  * Callbacks that take the frames of a film.
@@ -49,11 +47,11 @@ export class Unreadable extends Error {}
  * @param {Blob | URL} film - a file, or an address on the site of this page
  * @param {Viewer} viewer
  * @param {AbortSignal} signal - ends it
- * @throws {Unreadable} there is no such film, it is damaged, or this browser cannot decode it
+ * @throws {InputError} there is no such film, it is damaged, or this browser cannot decode it
  */
 export async function filmFrames(film, viewer, signal) {
   const file = film instanceof Blob ? film : await loaded(film, signal);
-  if (!file.size) throw new Unreadable("the file is empty");
+  if (!file.size) throw new InputError("the file is empty");
   const input = new Input({ source: new BlobSource(file), formats: KINDS });
   let count = 0;
   try {
@@ -68,11 +66,11 @@ export async function filmFrames(film, viewer, signal) {
       if (signal.aborted) return; // which closes the decoder
     }
   } catch (error) {
-    throw error instanceof Unreadable ? error : new Unreadable(endedAt(count + 1, error));
+    throw error instanceof InputError ? error : new InputError(endedAt(count + 1, error));
   } finally {
     input.dispose();
   }
-  if (!count) throw new Unreadable("the film has no frames, or was cut off");
+  if (!count) throw new InputError("the film has no frames, or was cut off");
 }
 
 /**
@@ -101,13 +99,13 @@ export function risingTimes(fps) {
  * @param {URL} address
  * @param {AbortSignal} signal
  * @returns {Promise<Blob>}
- * @throws {Unreadable} there is no such film
+ * @throws {InputError} there is no such film
  */
 async function loaded(address, signal) {
   const response = await fetch(address, { signal }).catch(() => null);
   signal.throwIfAborted();
   if (response?.ok) return response.blob();
-  throw new Unreadable(`there is no film at ${address.pathname}`);
+  throw new InputError(`there is no film at ${address.pathname}`);
 }
 
 /** @param {InputVideoTrack} track @returns {Promise<number[]>} seconds, rising */
@@ -133,11 +131,11 @@ function endedAt(number, error) {
 
 /** @param {Input} input @returns {Promise<InputVideoTrack>} */
 async function trackOf(input) {
-  if (!(await input.canRead().catch(() => false))) throw new Unreadable(NO_FILM);
+  if (!(await input.canRead().catch(() => false))) throw new InputError(NO_FILM);
   const track = await input.getPrimaryVideoTrack();
-  if (!track) throw new Unreadable("the file has no picture, or was cut off");
+  if (!track) throw new InputError("the file has no picture, or was cut off");
   if (!(await track.canDecode())) {
-    throw new Unreadable(`this browser cannot decode the film (${track.codec ?? "of unknown kind"})`);
+    throw new InputError(`this browser cannot decode the film (${track.codec ?? "of unknown kind"})`);
   }
   return track;
 }
