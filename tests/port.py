@@ -18,7 +18,7 @@ import base64
 import json
 import subprocess
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Generator
 from types import SimpleNamespace
 from typing import Any
 
@@ -127,10 +127,11 @@ class Remote:
     def __call__(self, *given: Any) -> Any:
         return self._port.ask(self._place, given=given)
 
-    def __iter__(self) -> Iterator[Any]:
-        """What a generator yields."""
+    def __iter__(self) -> Generator[Any, None, Any]:
+        """What a generator yields, and returns, so that `link.steps.run_to_end` takes all steps."""
         while not (step := self.next()).done:
             yield step.value
+        return step.value
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Remote) and self._place == other._place

@@ -10,7 +10,6 @@ from port import Port, same
 from scores import noisy
 from tolerances import FLOAT32_SUM
 
-from link import steps
 from link.code.fine import Shape, Terms, coded_bits, mark_of, number_likelihoods, read_terms
 from link.code.framing import encode
 from link.code.ldpc import make_code
@@ -18,6 +17,7 @@ from link.code.message import Content, Message
 from link.code.rateless import make_rateless
 from link.code.scrambled import scrambled
 from link.code.words import weigh_words
+from link.steps import run_to_end
 from link.types import Floats
 
 
@@ -142,34 +142,32 @@ def test_graphs_of_rateless_codes(port: Port, information: int) -> None:
 
 def test_coded_bits_and_their_message(port: Port) -> None:
     module, message = port("link/code/fine.js"), np.random.default_rng(2).bytes(2500)
-    run_to_end = port("link/steps.js").runToEnd
     terms = Terms(len(message), 9, mark_of(message))
     ported = module.Terms(terms.n_bytes, terms.frames, terms.mark)
     for signed in (False, True):
         coded = coded_bits(Content(message, signed), terms, 2918)
         same(module.codedBits({"data": message, "signed": signed}, ported, 2918), coded)
         scores = 8 * coded.reshape(-1).astype(np.float32) - 4
-        found = run_to_end(module.codedDecodingSteps(scores, ported))
+        found = run_to_end(iter(module.codedDecodingSteps(scores, ported)))
         assert (bytes(found.data), found.signed) == (message, signed)
     other_mark = module.Terms(terms.n_bytes, terms.frames, terms.mark ^ 1)
     wrong = {"data": b"\7" * len(message), "signed": False}
     other = 8 * module.codedBits(wrong, ported, 2918).astype(np.float32) - 4
-    assert run_to_end(module.codedDecodingSteps(scores, other_mark)) is None
-    assert run_to_end(module.codedDecodingSteps(other, ported)) is None
+    assert run_to_end(iter(module.codedDecodingSteps(scores, other_mark))) is None
+    assert run_to_end(iter(module.codedDecodingSteps(other, ported))) is None
 
 
 def test_information_is_found_where_python_finds_it(port: Port) -> None:
     """Little, enough and much of the information was received, by every kind of channel."""
     rng, code = np.random.default_rng(3), make_rateless(512)
     ported = port("link/code/rateless.js").makeRateless(512)
-    run_to_end = port("link/steps.js").runToEnd
     is_found = set()
     for blocks, count, ber in ((1, 900, 0.001), (3, 900, 0.02), (2, 620, 0.02), (18, 2600, 0.1)):
         information = rng.integers(0, 2, (512, blocks), np.uint8)
         llr = partly(code.encode(information, count), ber, rng)
-        bits, done = steps.run_to_end(code.decoding_steps(llr))
+        bits, done = run_to_end(code.decoding_steps(llr))
         assert np.array_equal(bits[:, done], information[:, done])
-        found = run_to_end(ported.decodingSteps(llr.reshape(-1), blocks))
+        found = run_to_end(iter(ported.decodingSteps(llr.reshape(-1), blocks)))
         same(found, bits.T if done.all() else None)
         is_found.add(bool(done.all()))
     assert is_found == {True, False}
@@ -180,5 +178,5 @@ def test_information_is_found_where_bits_are_told_beyond_any_number(port: Port) 
     information = np.arange(256, dtype=np.uint8)[:, None] % 2
     llr = 40 * make_rateless(256).encode(information, 700_000).astype(np.float32) - 20
     ported = port("link/code/rateless.js").makeRateless(256)
-    found = port("link/steps.js").runToEnd(ported.decodingSteps(llr.reshape(-1), 1))
+    found = run_to_end(iter(ported.decodingSteps(llr.reshape(-1), 1)))
     same(found, information.T)

@@ -23,6 +23,7 @@ from link.clock import DisplayClock, embedded_share
 from link.pilot_code import PilotCode
 from link.pilots import expected_changes, pilot_centres, pilot_signs
 from link.presets import PRESETS
+from link.steps import run_to_end
 from link.types import Array
 from models import FILM_GRAPH, PRETRAINED_PILOTS
 from receiver.pilots.code import CodeSearch, clocks_tried
@@ -110,8 +111,7 @@ def test_what_a_code_changes_is_measured_as_by_python(
     rng = np.random.default_rng(1)
     views = rng.normal(90, 9, (len(at), *maps.size[::-1])).astype(np.float32)
     planes = port("receiver/pilots/search/allBlocks.js").blockMaps(LAYOUT)
-    run = port("link/steps.js").runToEnd
-    changes = run(ported.changeSteps(planes, list(views), at))
+    changes = run_to_end(iter(ported.changeSteps(planes, list(views), at)))
     same(np.array(changes), list(toggling.period_changes(maps, views, at)), PILOT_CHANGE)
     series = port("receiver/pilots/signal.js").overDeviation([view.reshape(-1) for view in views])
     line = ported.amplitudes(series, at, maps.size)
@@ -147,9 +147,10 @@ def test_clocks_are_tried_at_shifts_of_a_display(port: Port) -> None:
     found = shifted_togglings(rough_series(views, LAYOUT), blocks, LAYOUT, at.tolist(), 30.0)
     width, height = COARSE_SIZE
     planes = [{"width": width, "height": height, "data": view.reshape(-1)} for view in views]
-    parts, run = port("receiver/pilots/search/parts.js"), port("link/steps.js").runToEnd
+    parts = port("receiver/pilots/search/parts.js")
     rough = parts.roughSeries(planes, LAYOUT)
-    ported = run(parts.shiftedTogglings(rough, blocks.reshape(-1), LAYOUT, at.tolist(), 30.0))
+    steps = parts.shiftedTogglings(rough, blocks.reshape(-1), LAYOUT, at.tolist(), 30.0)
+    ported = run_to_end(iter(steps))
     for one, other in zip(ported, found, strict=True):
         assert one.clock.period == other.clock.period == 0.5
         apart = [each.number(12.0) - clock.number(12.0) for each in (one.clock, other.clock)]

@@ -185,19 +185,19 @@ def test_corners_move_by_all_blocks(
     layout: Layout, period: int, slope: float, noise: float, port: Port
 ) -> None:
     """Corners are off by less than a block."""
-    module, run = port("receiver/pilots/search/allBlocks.js"), port("link/steps.js").runToEnd
+    module = port("receiver/pilots/search/allBlocks.js")
     off = np.array([[2.0, -1.0], [-1.5, 1.0], [1.0, 2.0], [-1.0, -2.0]])
     views = block_views(layout, off, 5 * period, period, slope=slope, noise=noise)
     at = [number + 0.25 * (number % 3 == 0) for number in range(len(views))]
     maps = module.blockMaps(layout)
     assert maps.size == list(views.shape[:0:-1])
     toggling = port("receiver/pilots/toggling.js").Wave(1 / period)
-    ported = run(module.blockFitSteps(maps, list(views), at, toggling))
+    ported = run_to_end(iter(module.blockFitSteps(maps, list(views), at, toggling)))
     fit = run_to_end(block_fit(block_maps(layout), views, at, Wave(1 / period)))
     same(ported.changes, fit.changes, within.PILOT_CHANGE)
     for _ in range(5):
         settled = fit.step()
-        assert run(ported.moveSteps()) == settled
+        assert run_to_end(iter(ported.moveSteps())) == settled
         if settled:
             break
     same_motion(ported.shift(), fit.shift(), (layout.width, layout.height), within.SUBPIXEL_PX)
@@ -205,16 +205,17 @@ def test_corners_move_by_all_blocks(
 
 @pytest.mark.parametrize("k", [-0.1, 0.05, 0.0])
 def test_all_blocks_tell_how_a_lens_bends_the_display(port: Port, k: float) -> None:
-    module, run = port("receiver/pilots/search/allBlocks.js"), port("link/steps.js").runToEnd
+    module = port("receiver/pilots/search/allBlocks.js")
     views, at = block_views(FINE, np.zeros((4, 2)), 16, 4, k=k), list(range(16))
     toggling = port("receiver/pilots/toggling.js").Wave(0.25)
-    ported = run(module.blockFitSteps(module.blockMaps(FINE), list(views), at, toggling))
+    steps = module.blockFitSteps(module.blockMaps(FINE), list(views), at, toggling)
+    ported = run_to_end(iter(steps))
     fit = run_to_end(block_fit(block_maps(FINE), views, at, Wave(0.25)))
     fit.free_lens(BENT_CORNERS, BENT_SIZE)
     ported.freeLens(BENT_CORNERS.tolist(), *BENT_SIZE)
     for _ in range(12):
         settled = fit.step()
-        assert run(ported.moveSteps()) == settled
+        assert run_to_end(iter(ported.moveSteps())) == settled
         assert ported.bends() == fit.bends()
         if settled:
             break

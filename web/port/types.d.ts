@@ -14,8 +14,14 @@ type Layout = import("./link/layout.js").Layout;
 type Point = import("./link/geometry.js").Point;
 /** Corners of a quadrilateral in order. */
 type Quad = import("./receiver/locate/quads.js").Quad;
-/** A search that yields units of work and returns a result. */
-type Steps<Result> = import("./link/steps.js").Steps<Result>;
+/**
+ * A search in steps, so that one who follows a stream can spread it over many frames.
+ *
+ * It yields after each step the units of work that the step took, and returns what it found. A unit
+ * is about a millisecond of one core, in Python at 1280 x 720; JavaScript takes two or three. Steps
+ * are finer than Python's, and no step takes long.
+ */
+type Steps<Result> = Generator<number, Result, void>;
 /** When the display shows which state. */
 type DisplayClock = import("./link/clock.js").DisplayClock;
 /** The code of the order in which a display shows its states. */

@@ -23,7 +23,7 @@ export const UNIT_CORNERS = /** @type {Point[]} */ (receiverPilotsMotion.UNIT_CO
 export const NUMBERS = MOTIONS.length;
 /** Rows of sums that tell of motions (`motionSums` of opencv.cpp). */
 const SUMS = 8;
-/** Largest number of pixels that are handled in one unit of work (`link/steps.js`). */
+/** Largest number of pixels that are handled in one unit of work (`types.d.ts`). */
 const UNIT_PIXELS = 40_000;
 
 /**

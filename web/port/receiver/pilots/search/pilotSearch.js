@@ -7,7 +7,7 @@
  * Where something toggled like a display and none was sure, the next window takes the picture for one
  * that moves, as a video does, and holds the room still alone.
  *
- * The work is cut into steps finer than Python's (`link/steps.js`): no frame takes long.
+ * The work is cut into steps finer than Python's (`types.d.ts`): no frame takes long.
  */
 
 import { receiverPilotsSearchPilotSearch } from "../../../../generated/constants.js";
@@ -21,7 +21,7 @@ import { ANY_TURN, WindowSearch } from "./windowSearch.js";
 const { WINDOWS } = receiverPilotsSearchPilotSearch;
 
 /**
- * Units of work (`steps.js`) from which on a frame from a file has had its share: while the display is
+ * Units of work (`types.d.ts`) from which on a frame from a file has had its share: while the display is
  * looked for, and while a proposal is being settled. What is proposed late takes half of them.
  */
 export const [FRAME_WORK, SETTLING_WORK] = [24, 88];
