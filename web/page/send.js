@@ -6,6 +6,7 @@ import { codeAuthenticate, senderCarrying, senderCompact } from "../generated/co
 import { framesNeeded } from "../port/link/code/framing.js";
 import { InputError } from "../port/link/errors.js";
 import { failureOf, isOfSite } from "./advice.js";
+import { toBase64 } from "../port/sender/base64.js";
 import { carriedShare, openFilm, openPicture, pixelsOf, sizeOf } from "../port/sender/picture.js";
 import { addressOf, checkVersion, download, keepForOffline, load, remember, remembered, started } from "./site.js";
 import { linkOf } from "./text.js";
@@ -268,23 +269,16 @@ onClick("save", async (loop) => {
       throw new InputError(`A saved file holds films of up to ${most}. Show it from here.`);
     }
     const type = file.type === "video/quicktime" ? "video/mp4" : file.type;
-    Object.assign(loop.film, { type, data: await base64Of(file), file: undefined });
+    const bytes = await file.arrayBuffer().catch(() => {
+      throw new InputError("This film cannot be read any more.");
+    });
+    Object.assign(loop.film, { type, data: toBase64(new Uint8Array(bytes)), file: undefined });
   }
   const text = await (await load("player.html")).text();
   const page = text.replace(senderCompact.PLACE, () => `>${JSON.stringify(loop)}<`);
   download(new Blob([page]), "player.html");
   say("The file is among your downloads. Open it on the display.");
 });
-
-/** @param {Blob} file @returns {Promise<string>} its bytes as base64 */
-function base64Of(file) {
-  const reader = new FileReader();
-  return new Promise((resolve, reject) => {
-    reader.onload = () => resolve(/** @type {string} */ (reader.result).split(",")[1]);
-    reader.onerror = () => reject(new InputError("This film cannot be read any more."));
-    reader.readAsDataURL(file);
-  });
-}
 
 onClick("show", async (loop) => {
   loop.agreed = agreed;

@@ -7,6 +7,7 @@
 
 import { encode } from "../link/code/framing.js";
 import { blockSteps } from "../link/strength.js";
+import { fromBase64, toBase64 } from "./base64.js";
 
 /** @import { Content } from "../link/code/message.js" */
 /** @import { Picture } from "../link/strength.js" */
@@ -119,7 +120,7 @@ function turnedPicture({ width, height, data }) {
  */
 function withRoom({ width, height, data }, preset, steps) {
   const { rows, cols } = preset.loop;
-  const room = Uint8Array.from(atob(preset.film.rooms), (letter) => letter.charCodeAt(0));
+  const room = fromBase64(preset.film.rooms);
   const shown = new Uint8Array(data.length);
   for (let y = 0, at = 0; y < height; y++) {
     const row = Math.floor((y * rows) / height) * cols;
@@ -167,12 +168,7 @@ function drawPatches({ width, height, data }, { ratex, tiles, changes, loop }) {
 export async function packed(numbers, channels = 1) {
   const steps = numbers.map((number, at) => number - (at < channels ? 0 : numbers[at - channels]));
   const stream = new Blob([steps]).stream().pipeThrough(new CompressionStream("deflate"));
-  const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
-  let letters = "";
-  for (let at = 0; at < bytes.length; at += 2 ** 15) {
-    letters += String.fromCharCode(...bytes.subarray(at, at + 2 ** 15));
-  }
-  return btoa(letters);
+  return toBase64(new Uint8Array(await new Response(stream).arrayBuffer()));
 }
 
 /**
@@ -182,8 +178,7 @@ export async function packed(numbers, channels = 1) {
  * @param {number} channels
  */
 export async function unpacked(text, channels) {
-  const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+  const stream = new Blob([fromBase64(text)]).stream().pipeThrough(new DecompressionStream("deflate"));
   const numbers = new Uint8Array(await new Response(stream).arrayBuffer());
   for (let at = channels; at < numbers.length; at++) numbers[at] += numbers[at - channels];
   return numbers;
