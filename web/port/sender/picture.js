@@ -28,9 +28,7 @@ export async function openPicture(file, least) {
   if (file.size > MAX_BYTES) throw new InputError("This file is too large for a picture.");
   if (/svg|xml/.test(file.type)) throw new InputError("Drawings (SVG) are not read. Save it as PNG.");
   const image = new Image();
-  image.src = URL.createObjectURL(file);
-  try {
-    await new Promise((resolve, reject) => Object.assign(image, { onload: resolve, onerror: reject }));
+  return opened(file, image, "onload", "This file is no picture that this browser can read.", async () => {
     const { naturalWidth: width, naturalHeight: height } = image; // known before pixels are decoded
     check(width, height);
     const coarse = sizeOf({ width, height }, least)[0] / width >= senderPictures.COARSE;
@@ -40,11 +38,30 @@ export async function openPicture(file, least) {
     ];
     const still = await shrunk(await createImageBitmap(file));
     return { still, note: notes.filter(Boolean).join(" ") };
+  });
+}
+
+/**
+ * Have the browser open a file in an element, and take from it what is wanted.
+ *
+ * @template Result
+ * @param {Blob} file
+ * @param {HTMLImageElement | HTMLVideoElement} element
+ * @param {"onload" | "onloadeddata"} event - tells that it is open
+ * @param {string} refusal - is said where the browser cannot open it
+ * @param {() => Promise<Result>} take
+ * @returns {Promise<Result>}
+ */
+async function opened(file, element, event, refusal, take) {
+  element.src = URL.createObjectURL(file);
+  try {
+    await new Promise((resolve, reject) => Object.assign(element, { [event]: resolve, onerror: reject }));
+    return await take();
   } catch (error) {
     if (error instanceof InputError) throw error;
-    throw new InputError("This file is no picture that this browser can read.");
+    throw new InputError(refusal);
   } finally {
-    URL.revokeObjectURL(image.src);
+    URL.revokeObjectURL(element.src);
   }
 }
 
@@ -67,20 +84,12 @@ async function isAnimated(file) {
 export async function openFilm(film) {
   if (film.size > MAX_FILM_BYTES) throw new InputError("This file is too large for a film.");
   const video = document.createElement("video");
-  Object.assign(video, { muted: true, preload: "auto", src: URL.createObjectURL(film) });
-  try {
-    await new Promise((resolve, reject) =>
-      Object.assign(video, { onloadeddata: resolve, onerror: reject }),
-    );
+  Object.assign(video, { muted: true, preload: "auto" });
+  return opened(film, video, "onloadeddata", "This file is no film that this browser can play.", async () => {
     const size = [video.videoWidth, video.videoHeight];
     check(size[0], size[1]);
     return { film, size, still: await createImageBitmap(video) };
-  } catch (error) {
-    if (error instanceof InputError) throw error;
-    throw new InputError("This file is no film that this browser can play.");
-  } finally {
-    URL.revokeObjectURL(video.src);
-  }
+  });
 }
 
 /** @param {number} width - in pixels @param {number} height */
