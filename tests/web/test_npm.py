@@ -16,7 +16,7 @@ import numpy as np
 import PIL.Image
 import pytest
 import skimage.data
-from browser import serve_folder
+from browser import serve_folder, wait_for
 from conftest import OpenWindow, run_process
 from pilot_films import TEXT, robust_film
 
@@ -235,6 +235,7 @@ def test_states_are_those_of_python_in_every_pixel(npm_package: Path, tmp_path: 
 
 
 APP = """
+import { hiddenStates, load } from "oorc-receiver";
 import { LiveReceiver } from "oorc-receiver/live.js";
 const film = new Uint8Array(await (await fetch("film.gray")).arrayBuffer());
 const worker = WORKER;
@@ -250,6 +251,14 @@ for (let at = 0; at < film.length / (width * height); at++) {
   while (live.isBusy) await new Promise((resolve) => setTimeout(resolve, 20));
 }
 await live.finish();
+await load("receiver/");
+const picture = { width, height, data: film.subarray(0, width * height) };
+const shown = document.createElement("canvas").getContext("2d");
+[shown.canvas.width, shown.canvas.height] = [width, height];
+for (const { data } of hiddenStates(picture, new Uint8Array(9), { preset: "robust" })) {
+  shown.putImageData(new ImageData(data, width), 0, 0);
+}
+window.levels = shown.getImageData(0, 0, width, height).data.reduce((sum, level) => sum + level);
 document.title ||= await live.explanation();
 """
 VITE = """
@@ -318,7 +327,7 @@ def test_applications_of_vite_and_esbuild_read_a_film(
 
 
 def check_reads(url: str, page: Any) -> None:
-    """Open an application, and wait until it has read the film, while pushing never took long."""
+    """Open an application that reads a film, never waits to push a frame, and draws states."""
     page.on("pageerror", lambda error: print(error))
     page.on("console", lambda message: print(message.text))
     page.goto(url)
@@ -328,3 +337,5 @@ def check_reads(url: str, page: Any) -> None:
         page.wait_for_timeout(100)
     assert page.title() == TEXT.decode()
     assert page.evaluate("slowest") < 100
+    *_, last = hidden_states(robust_film(36)[0][0], bytes(9), preset="robust")
+    wait_for(page, lambda: page.evaluate("window.levels") == last.sum() + 255 * last[:, :, 0].size)
