@@ -50,7 +50,7 @@ export { InputError };
  * A picture: pixels row by row, one byte each of gray, three of red, green and blue, or four with
  * opacity, as `ImageData` has them. What is transparent is laid on white.
  *
- * @typedef {{ width: number, height: number, data: Uint8Array | Uint8ClampedArray }} GivenPicture
+ * @typedef {{ width: number, height: number, data: Uint8Array | Uint8ClampedArray }} Picture
  */
 /**
  * A state, of which `new ImageData(data, width)` makes what a canvas shows.
@@ -72,7 +72,7 @@ const shown = new Map();
 let film;
 
 /**
- * Load what all receivers need, once.
+ * Load what receivers and states need, once.
  *
  * @param {string | URL} [folder] - address of the folder with this package's files and with
  *   ort-wasm-simd-threaded.wasm and .mjs of onnxruntime-web, which ends with a slash; where this
@@ -276,7 +276,7 @@ export class Receiver {
 /**
  * Hide a message in a picture: the states of one loop, which a display shows over and over.
  *
- * @param {GivenPicture} picture
+ * @param {Picture} picture
  * @param {Uint8Array} message - 1 byte or more
  * @param {{ preset?: string }} [options] - the preset: `hidden`, which is taken if it is absent and is
  *   shown at 60 states a second, `fast` (30), `robust` or `paper` (15)
@@ -355,7 +355,7 @@ async function planeOf(frame) {
   return { width, height, data: Uint8Array.from(data.subarray(0, width * height)) };
 }
 
-/** @param {GivenPicture} picture @returns {import("../port/link/strength.js").Picture} */
+/** @param {Picture} picture @returns {import("../port/link/strength.js").Picture} */
 function rgbOf(picture) {
   const { width, height, data, size } = pixelsOf(picture, "a picture", [1, 3, 4]);
   const rgb = new Uint8Array(3 * width * height);
@@ -375,7 +375,7 @@ function rgbOf(picture) {
  * @param {any} given
  * @param {string} what - says what it is
  * @param {number[]} sizes - numbers of bytes that a pixel may have
- * @returns {GivenPicture & { size: number }}
+ * @returns {Picture & { size: number }}
  */
 function pixelsOf(given, what, sizes) {
   if (given === null || typeof given !== "object" || !("data" in given)) {
