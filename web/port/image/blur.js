@@ -1,6 +1,6 @@
 /** Averages around the pixels of real gray levels. */
 
-import { call, floatPlane } from "./opencv.js";
+import { filled, floatPlane } from "./opencv.js";
 
 /**
  * Blur a plane as `cv2.GaussianBlur` blurs floats, or bytes before it rounds them; beyond the border
@@ -11,9 +11,7 @@ import { call, floatPlane } from "./opencv.js";
  * @returns {FloatPlane}
  */
 export function blurred(plane, sigma) {
-  const result = floatPlane(plane.width, plane.height);
-  call("blurred", [plane, sigma], [result]);
-  return result;
+  return filled("blurred", [plane, sigma], floatPlane(plane.width, plane.height));
 }
 
 /**
@@ -25,7 +23,5 @@ export function blurred(plane, sigma) {
  * @returns {FloatPlane}
  */
 export function lessMeanAround(plane, across, down) {
-  const result = floatPlane(plane.width, plane.height);
-  call("lessMeanAround", [plane, across, down], [result]);
-  return result;
+  return filled("lessMeanAround", [plane, across, down], floatPlane(plane.width, plane.height));
 }

@@ -1,6 +1,6 @@
 /** Gray levels of an image, changed. */
 
-import { bytePlane, call } from "./opencv.js";
+import { bytePlane, filled } from "./opencv.js";
 
 /**
  * Stretch gray levels so that they have a mean and a standard deviation.
@@ -13,9 +13,7 @@ import { bytePlane, call } from "./opencv.js";
  * @returns {BytePlane}
  */
 export function stretched(image, mean, deviation) {
-  const result = bytePlane(image.width, image.height);
-  call("stretched", [image, mean, deviation], [result]);
-  return result;
+  return filled("stretched", [image, mean, deviation], bytePlane(image.width, image.height));
 }
 
 /**
@@ -24,9 +22,7 @@ export function stretched(image, mean, deviation) {
  * @param {BytePlane} image
  */
 export function equalised(image) {
-  const result = bytePlane(image.width, image.height);
-  call("equalised", [image], [result]);
-  return result;
+  return filled("equalised", [image], bytePlane(image.width, image.height));
 }
 
 /**
@@ -37,7 +33,5 @@ export function equalised(image) {
  * @param {boolean} brightFirst - whether bright ones go before dark ones
  */
 export function withoutDetails(image, side, brightFirst) {
-  const result = bytePlane(image.width, image.height);
-  call("withoutDetails", [image, side, Number(brightFirst)], [result]);
-  return result;
+  return filled("withoutDetails", [image, side, Number(brightFirst)], bytePlane(image.width, image.height));
 }

@@ -90,6 +90,20 @@ export function call(name, given, results = []) {
   return answer;
 }
 
+/**
+ * Call a function of opencv.cpp that has one result.
+ *
+ * @template {Numbers | Plane<Numbers>} Result
+ * @param {string} name
+ * @param {(number | null | Numbers | Plane<Numbers>)[]} given - all that it takes but its result
+ * @param {Result} result - is filled; what it held is not seen
+ * @returns {Result} the same
+ */
+export function filled(name, given, result) {
+  call(name, given, [result]);
+  return result;
+}
+
 /** @param {number | null | Plane<Numbers>} value */
 function isNumber(value) {
   return value === null || typeof value === "number";

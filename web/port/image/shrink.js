@@ -1,6 +1,6 @@
 /** Averages of the pixels that lie in each pixel of a smaller image. */
 
-import { bytePlane, call, floatPlane, planeLike } from "./opencv.js";
+import { bytePlane, filled, floatPlane, planeLike } from "./opencv.js";
 
 /**
  * Resize a plane by averaging over areas, as `cv2.resize` with INTER_AREA does.
@@ -14,9 +14,7 @@ import { bytePlane, call, floatPlane, planeLike } from "./opencv.js";
  * @returns {Plane<Samples>} rounded where samples are bytes
  */
 export function resizeArea(plane, width, height) {
-  const result = planeLike(plane, width, height);
-  call("resized", [plane, plane.width, plane.height], [result]);
-  return result;
+  return filled("resized", [plane, plane.width, plane.height], planeLike(plane, width, height));
 }
 
 /**
@@ -28,9 +26,7 @@ export function resizeArea(plane, width, height) {
  * @returns {FloatPlane}
  */
 export function areaMeans(plane, width, height) {
-  const result = floatPlane(width, height);
-  call("resized", [plane, plane.width, plane.height], [result]);
-  return result;
+  return filled("resized", [plane, plane.width, plane.height], floatPlane(width, height));
 }
 
 /**
@@ -41,7 +37,6 @@ export function areaMeans(plane, width, height) {
  * @returns {BytePlane}
  */
 export function shrunkByWhole(plane, side) {
-  const result = bytePlane(Math.floor(plane.width / side), Math.floor(plane.height / side));
-  call("resized", [plane, side * result.width, side * result.height], [result]);
-  return result;
+  const [width, height] = [Math.floor(plane.width / side), Math.floor(plane.height / side)];
+  return filled("resized", [plane, side * width, side * height], bytePlane(width, height));
 }

@@ -1,6 +1,6 @@
 /** Images seen through a homography or a lens, sampled between pixels. */
 
-import { call, floatPlane, planeLike } from "./opencv.js";
+import { filled, floatPlane, planeLike } from "./opencv.js";
 
 /**
  * Sample a plane where a homography leads, bilinearly; beyond the border its last pixel counts.
@@ -16,9 +16,7 @@ import { call, floatPlane, planeLike } from "./opencv.js";
  * @returns {Plane<Samples>} rounded where samples are bytes
  */
 export function warped(plane, H, width, height) {
-  const result = planeLike(plane, width, height);
-  call("warped", [plane, Float64Array.from(H)], [result]);
-  return result;
+  return filled("warped", [plane, Float64Array.from(H)], planeLike(plane, width, height));
 }
 
 /**
@@ -31,9 +29,7 @@ export function warped(plane, H, width, height) {
  * @returns {FloatPlane}
  */
 export function warpedFloats(plane, H, width, height) {
-  const result = floatPlane(width, height);
-  call("warped", [plane, Float64Array.from(H)], [result]);
-  return result;
+  return filled("warped", [plane, Float64Array.from(H)], floatPlane(width, height));
 }
 
 /**
@@ -47,7 +43,5 @@ export function warpedFloats(plane, H, width, height) {
  * @returns {Plane<Samples>} rounded where samples are bytes
  */
 export function remapped(plane, [xs, ys], width, height) {
-  const result = planeLike(plane, width, height);
-  call("remapped", [plane, xs, ys], [result]);
-  return result;
+  return filled("remapped", [plane, xs, ys], planeLike(plane, width, height));
 }

@@ -7,7 +7,7 @@
  * t, with delay = x delayX + y delayY.
  */
 
-import { call } from "../image/opencv.js";
+import { filled } from "../image/opencv.js";
 import { PLAIN } from "./pilotCode.js";
 
 /** When the display shows which state: state n begins at `start` + n `period`. */
@@ -89,6 +89,5 @@ export function embeddedShare(
   code = PLAIN,
   shares = new Float64Array((places.length / 2) * times.length),
 ) {
-  call("embeddedShare", [clock, times, places, code.signs], [shares]);
-  return shares;
+  return filled("embeddedShare", [clock, times, places, code.signs], shares);
 }

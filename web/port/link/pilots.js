@@ -1,6 +1,6 @@
 /** Pilots, the blocks whose bits the receiver knows: where they lie, and how they change. */
 
-import { arraysOf, call, floatPlane, rowsOf } from "../image/opencv.js";
+import { arraysOf, filled, floatPlane, rowsOf } from "../image/opencv.js";
 
 /** @typedef {Plane<Uint8Array | Float32Array>} AnyPlane */
 
@@ -65,7 +65,6 @@ export function picked(values, numbers) {
  * @returns {Float32Array[]} (rows * cols,) levels, for each view
  */
 export function standingOut(views, { rows, cols }) {
-  const blocks = floatPlane(rows * cols, views.length);
-  call("standingOut", [rowsOf(views.map(({ data }) => data)), views[0].width, cols], [blocks]);
-  return arraysOf(blocks);
+  const given = [rowsOf(views.map(({ data }) => data)), views[0].width, cols];
+  return arraysOf(filled("standingOut", given, floatPlane(rows * cols, views.length)));
 }
