@@ -10,11 +10,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import torch
 import tyro
 from numpy.typing import NDArray
 from tqdm import tqdm
 
 from export.film_graph import FilmGraph
+from export.region_graph import RegionGraph
 from export.runtime import Decoder
 from link.cli import check_flags, run_cli
 from link.clock import DisplayClock
@@ -28,6 +30,7 @@ from models.film.window import SHRINK
 from models.phi.checkpoint import load_checkpoint
 from models.phi.decoder import PhiDecoder
 from models.phi.methods import decode_with
+from models.region.region import DisplayRegion
 
 TOLERANCE = 1e-3
 """Largest difference of a score, a log-likelihood ratio, between torch and onnxruntime."""
@@ -38,6 +41,8 @@ FILM_WINDOWS, FILM_SEED = 9, 1
 """Number of the windows of film that are compared, and their seed."""
 FILM_GRIDS = ((16, 16), (24, 32), (48, 64))
 """Rows and columns of the grids of the windows that are compared."""
+REGION_SIZES = ((3, 96, 128), (13, 360, 640), (9, 357, 203))
+"""Number, height and width of the frames of which maps are compared."""
 NOISE_RANGE = (10.0, 100.0)
 """Least and largest standard deviation of a pixel, gray levels: so much that most scores stay clear
 of their bound, where all are alike, at `FAINT`."""
@@ -115,6 +120,29 @@ def compare_films(module: FilmDecoder, graph: FilmGraph) -> Parity:
             layout = make_layout(rows, cols, modulation="antipodal", pilots="auto")
             window = synthetic_window(layout, rng, frames=8 + 3 * index).observation
             yield decode_film_with(module, window).scores, graph.decode(window).scores
+
+    return _compared(both(), FILM_TOLERANCE, clear=FILM_TOLERANCE)
+
+
+def compare_regions(module: DisplayRegion, graph: RegionGraph) -> Parity:
+    """Map frames of noise with both, of sizes and numbers that differ.
+
+    Args:
+        module: the map of displays in torch.
+        graph: the map of displays in onnxruntime.
+
+    Returns:
+        what was found; cells count as different bits where their log-odds exceed `FILM_TOLERANCE`.
+    """
+    rng = np.random.default_rng(FILM_SEED)
+    module.eval()
+
+    def both() -> Iterator[Both]:
+        for frames, height, width in REGION_SIZES:
+            stills = rng.integers(0, 256, (frames, height, width), np.uint8)
+            with torch.no_grad():
+                ours = module(torch.from_numpy(stills).float()[:, None]).numpy()
+            yield np.float64(ours).ravel(), np.float64(graph.log_odds(stills)).ravel()
 
     return _compared(both(), FILM_TOLERANCE, clear=FILM_TOLERANCE)
 

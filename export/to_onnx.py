@@ -16,7 +16,8 @@ from onnxscript.values import Opset
 from torch.onnx._internal.exporter import _ir_passes
 
 from export.film_graph import FILM_FORMAT, FilmGraph
-from export.parity import Parity, compare_films, compare_with_torch
+from export.parity import Parity, compare_films, compare_regions, compare_with_torch
+from export.region_graph import REGION_FORMAT, RegionGraph
 from export.runtime import FORMAT, Decoder
 from link import __version__
 from link.cli import check_flags, run_cli
@@ -32,6 +33,7 @@ from models.film.decoder import FilmDecoder
 from models.film.window import LEAST_SIDE, SHRINK
 from models.phi.checkpoint import load_checkpoint, read_config
 from models.phi.decoder import PhiDecoder
+from models.region.region import LEAST_PX, DisplayRegion
 
 INVERSE = onnx.defs.OpSchema(
     "Inverse",
@@ -143,6 +145,23 @@ def film_to_onnx(module: FilmDecoder) -> bytes:
     return _finished(model, {"format": FILM_FORMAT, "version": __version__})
 
 
+def region_to_onnx(module: DisplayRegion) -> bytes:
+    """Turn the map of displays into an ONNX model; the frames' number and size are free.
+
+    Args:
+        module: the map in torch.
+
+    Returns:
+        the bytes of the .onnx file.
+    """
+    dims = torch.export.Dim
+    frames = dims("frames", min=3, max=256)
+    height, width = (dims(name, min=LEAST_PX, max=MAX_SIDE_PX) for name in ("height", "width"))
+    example = {"frames": torch.zeros(13, 1, 360, 640)}
+    model = _translate(module, example, ({0: frames, 2: height, 3: width},), ["log_odds"])
+    return _finished(model, {"format": REGION_FORMAT, "version": __version__})
+
+
 def _translate(
     module: torch.nn.Module,
     example: Mapping[str, torch.Tensor],
@@ -241,6 +260,20 @@ def export_film(module: FilmDecoder, path: Path) -> Parity:
     """
     data = film_to_onnx(module)
     return _write_checked(path, data, lambda file: compare_films(module, FilmGraph(file)))
+
+
+def export_region(module: DisplayRegion, path: Path) -> Parity:
+    """Write the .onnx file of the map of displays once its parity with torch is shown.
+
+    Args:
+        module: the map in torch.
+        path: the .onnx file.
+
+    Raises:
+        InputError: torch and onnxruntime disagree; nothing is left under that name.
+    """
+    data = region_to_onnx(module)
+    return _write_checked(path, data, lambda file: compare_regions(module, RegionGraph(file)))
 
 
 def _write_checked(path: Path, data: bytes, compare: Callable[[Path], Parity]) -> Parity:

@@ -22,6 +22,8 @@ PRETRAINED_PILOTS = PRETRAINED.with_name("pilots")
 """Folder of the shipped checkpoint of ``learned`` for layouts with pilots, of any grid."""
 FILM_GRAPH = PRETRAINED.with_name("film") / "film.onnx"
 """The shipped film decoder (`models.film.decoder`), which serves all layouts that it can read."""
+REGION_GRAPH = PRETRAINED.with_name("region") / "region.onnx"
+"""The shipped map of where displays toggle (`models.region.region`), by which they are found."""
 
 
 def film_checkpoint(layout: Layout) -> Path:

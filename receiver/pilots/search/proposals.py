@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from export.region_graph import shipped_region_graph
 from link.images import as_gray
 from link.layout import Layout
 from link.pilot_code import PLAIN
@@ -16,11 +17,12 @@ from link.pilots import expected_changes, pilot_values, standing_out
 from link.steps import Steps
 from link.types import Array, Corners, Gray
 from receiver.locate.candidates import display_candidates, leaving_quads
-from receiver.locate.quads import distinct
+from receiver.locate.quads import distinct, upright
 from receiver.pilots.motion import moved_corners
 from receiver.pilots.search.bars import without_bars
 from receiver.pilots.search.film import HeldFrame, positions
 from receiver.pilots.search.parts import COARSE_SIZE, coarse_shift, rough_series, shifted_togglings
+from receiver.pilots.search.regions import CELL_PX, outline_regions
 from receiver.pilots.search.watch import Watch
 from receiver.pilots.toggling import TogglePattern, Wave, find_toggling
 
@@ -141,6 +143,19 @@ class Proposer:
         yield 1
         self.partly_seen = leaving_quads(reference, PARTLY_SEEN)
         return [*strongest, *self.partly_seen[:LEAVING], *pictures[kept]]
+
+    def regions(self) -> Steps[list[Array]]:
+        """Propose quadrilaterals that bound what toggles, whatever edges the display has.
+
+        Returns:
+            (4, 2) pixels of the reference each, to some blocks, the likeliest first.
+        """
+        log_odds = shipped_region_graph().log_odds(self._watch.stills.frames)
+        yield 1
+        outlines = [CELL_PX * outline - 0.5 for outline in outline_regions(log_odds)]
+        yield 1
+        quads = upright(np.reshape(outlines, (-1, 4, 2)))  # (N, 4, 2), N may be 0
+        return [self._watch.on_image(quad) for quad in quads]
 
     def faint_edges(self) -> Iterator[list[Array]]:
         """Propose quadrilaterals in the mean of all frames, which has less noise than a frame.

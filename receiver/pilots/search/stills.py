@@ -22,6 +22,11 @@ class Stills:
         """Take the next frame, (h, w) uint8, aligned with those before."""
         self._stills.append(still)
 
+    @property
+    def frames(self) -> NDArray[np.uint8]:
+        """All frames so far, (T, h, w) uint8."""
+        return np.array(self._stills)
+
     def mean(self) -> NDArray[np.uint8]:
         """Average all frames so far, (h, w) uint8, rounded down."""
         return np.asarray(np.mean(self._stills, axis=0, dtype=np.float32), np.uint8)

@@ -104,13 +104,17 @@ class WindowSearch:
                     return found
                 for quad, turn in product(edges, ANY_TURN):  # each frame does its own share
                     proposer.pilots_seen(quad, turn, len(watch.frames))
-            seen = len(watch.frames)
+            first, seen = seen == 0, len(watch.frames)
             count = seen + watch.window // 4
             if found := (yield from self._weigh_coarsely(edges, seen)):
+                return found
+            if first and (found := (yield from self._fit_regions())):
                 return found
         if found := (yield from self._weigh_coarsely(self._faint)):
             return found
         self.is_late = True
+        if found := (yield from self._fit_regions()):
+            return found
         for trial in aside:
             yield 1
             if found := (yield from trial):
@@ -125,6 +129,14 @@ class WindowSearch:
             yield self._weigh_coarsely(quads)
         for quad in self._proposer.partly_seen:
             yield self._fit([quad], self._turns[:1])
+
+    def _fit_regions(self) -> Search:
+        """Fit the pilots to what bounds that which toggles in the frames so far."""
+        quads = yield from self._proposer.regions()
+        every_turn = [turn + half for turn in self._turns for half in (0, 2)]
+        if found := (yield from self._weigh_coarsely(quads)):
+            return found
+        return (yield from self._fit(quads, every_turn))
 
     def _weigh_coarsely(self, quads: Sequence[Array], count: int | None = None) -> Search:
         """Weigh quadrilaterals coarsely, and verify each that is promising.

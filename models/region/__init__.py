@@ -1,0 +1,1 @@
+"""Where in a film displays toggle: a network that maps the likely places, for the search."""

@@ -1,0 +1,138 @@
+"""Outline displays in a map of where they toggle.
+
+The map gives the log-odds that a cell shows a part of a display (`models.region.region`). If cells
+were independent, a quadrilateral would be the display with a log-likelihood that is the sum of the
+log-odds within it. The outline is the quadrilateral for which this sum is largest. It may reach
+beyond the image, where nothing is known: there every cell speaks a little against it.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from link.types import Array
+
+CELL_PX = 8
+"""Side of a cell, in pixels of the frames that were mapped."""
+REGIONS = 2
+"""Largest number of displays that are outlined. It bounds the work; chosen by hand."""
+LEAST_CELLS = 12
+"""Smallest number of connected cells, each likelier than not, from which an outline begins: a
+display of a three-hundredth of the image. Chosen by hand."""
+MOST_ODDS = 4.0
+"""Largest log-odds that a cell counts with, for or against: a sure cell must not outweigh a whole
+side of unsure ones. Chosen by hand."""
+BEYOND_CELLS, BEYOND_ODDS = 10, -0.08
+"""Number of cells beyond the image over which an outline may reach, an eighth of its longer side,
+and the log-odds of each. Chosen by hand."""
+STEPS = (6.0, 3.0, 1.5, 0.75, 0.4)
+"""Distances, in cells, by which corners and sides are tried to be moved, one after the other: each
+about half the last one, down to a part of a cell. Chosen by hand."""
+MOST_MOVES = 20
+"""Largest number of moves by each distance. It bounds the work; chosen by hand."""
+EIGHT = np.array([[x, y] for x in (-1, 0, 1) for y in (-1, 0, 1) if x or y], float)
+FOUR = EIGHT[[1, 3, 4, 6]]
+"""Directions in which corners, and sides, are tried to be moved, (8, 2) and (4, 2)."""
+
+
+def outline_regions(log_odds: NDArray[np.float32]) -> list[Array]:
+    """Outline the displays of a map.
+
+    Args:
+        log_odds: (h, w) natural log-odds of each cell.
+
+    Returns:
+        quadrilaterals, (4, 2) in cells, where (0, 0) is the corner of the first cell; clockwise,
+        the likeliest first. They may reach beyond the map.
+
+    >>> log_odds = np.full((20, 30), -2, np.float32)
+    >>> log_odds[5:15, 8:24] = 2
+    >>> (outline,) = outline_regions(log_odds)
+    >>> bool(np.abs(outline - [[8, 5], [24, 5], [24, 15], [8, 15]]).max() < 1)
+    True
+    """
+    clipped = np.clip(log_odds, -MOST_ODDS, MOST_ODDS)
+    _, parts, stats, _ = cv2.connectedComponentsWithStats(np.uint8(clipped > 0), connectivity=4)
+    areas = stats[1:, cv2.CC_STAT_AREA]
+    beyond = ((BEYOND_CELLS, BEYOND_CELLS),) * 2
+    sums = np.cumsum(np.pad(clipped, beyond, constant_values=BEYOND_ODDS), axis=1)
+    sums = np.pad(sums, ((0, 0), (1, 0)))  # (h, w + 1): of the cells to the left
+    found = []
+    for part in np.argsort(-areas, kind="stable")[:REGIONS]:
+        if areas[part] >= LEAST_CELLS:
+            start = _rectangle_of(parts == part + 1) + BEYOND_CELLS
+            likelihood, outline = _climbed(start, sums)
+            found.append((likelihood, outline - BEYOND_CELLS))
+    return [outline for _, outline in sorted(found, key=lambda each: -each[0])]
+
+
+def _rectangle_of(part: NDArray[np.bool_]) -> Array:
+    """Make the rectangle, (4, 2) clockwise, whose centre and moments are those of some cells."""
+    y, x = np.nonzero(part)
+    variances, axes = np.linalg.eigh(np.cov([x, y]) + np.eye(2) / 12)  # a cell is a square itself
+    short, long = axes.T * np.sqrt(3 * variances)[:, None]
+    if long[0] * short[1] - long[1] * short[0] < 0:
+        short = -short
+    centre = np.array([x.mean(), y.mean()]) + 0.5
+    from_centre = np.array([-long - short, long - short, long + short, short - long])
+    return np.asarray(centre + from_centre)
+
+
+def _climbed(outline: Array, sums: NDArray[np.float32]) -> tuple[float, Array]:
+    """Move corners and sides as long as the sum of the log-odds within grows; it, and where."""
+    best = float(_within(outline[None], sums)[0])
+    for step in STEPS:
+        for _ in range(MOST_MOVES):
+            moved = outline + step * MOVES
+            likelihoods = np.where(_convex(moved), _within(moved, sums), -np.inf)
+            first = int(likelihoods.argmax())
+            if not likelihoods[first] > best:
+                break
+            best, outline = float(likelihoods[first]), moved[first]
+    return best, outline
+
+
+def _all_moves() -> Array:
+    """List the moves of corners and sides by a unit, (48, 4, 2)."""
+    corners, sides = np.zeros((4, 8, 4, 2)), np.zeros((4, 4, 4, 2))
+    for corner in range(4):
+        corners[corner, :, corner] = EIGHT
+        sides[corner, :, corner] = sides[corner, :, (corner + 1) % 4] = FOUR
+    moves = [each.reshape(-1, 4, 2) for each in (corners, sides)]  # (4, 8 or 4, 4, 2) -> (N, 4, 2)
+    return np.concatenate(moves)
+
+
+MOVES = _all_moves()
+"""Moves of corners and sides by a unit, (48, 4, 2)."""
+
+
+def _convex(quads: Array) -> NDArray[np.bool_]:
+    """Tell which quadrilaterals (N, 4, 2) are convex and clockwise."""
+    sides = np.roll(quads, -1, axis=1) - quads
+    following = np.roll(sides, -1, axis=1)
+    cross = sides[..., 0] * following[..., 1] - sides[..., 1] * following[..., 0]
+    return np.asarray((cross > 0).all(axis=1))
+
+
+def _within(quads: Array, sums: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Add up a map within quadrilaterals, by the sums of each row up to their sides.
+
+    Args:
+        quads: (N, 4, 2) clockwise, in cells.
+        sums: (h, w + 1) sums of the cells to the left, in each row.
+
+    Returns:
+        (N,) sums over the rows whose middle lies within; parts of cells count as such.
+    """
+    rows = np.arange(len(sums))
+    begin, end = quads, np.roll(quads, -1, axis=1)
+    x, y = begin[..., 0, None], begin[..., 1, None]
+    across, down = end[..., 0, None] - x, end[..., 1, None] - y  # (N, 4, 1)
+    middle = rows + 0.5
+    crosses = (middle >= np.minimum(y, y + down)) & (middle < np.maximum(y, y + down))
+    at = x + (middle - y) / np.where(down == 0, 1, down) * across  # (N, 4, h)
+    at = np.clip(at, 0, sums.shape[1] - 1)
+    left = np.minimum(at.astype(int), sums.shape[1] - 2)
+    share = at - left
+    up_to = sums[rows, left] * (1 - share) + sums[rows, left + 1] * share
+    return np.asarray((np.sign(down) * crosses * up_to).sum(axis=(1, 2)))
