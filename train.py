@@ -4,8 +4,8 @@ Episodes come from the simulated channel. Each round warps and re-lights them an
 the head of every frame pair to its ratex patches or pilots, and backpropagates the cross-entropy of
 the message bits through that fit.
 
-python train.py --films trains the decoder of films (`reports.film_training`); with --help it lists
-its flags.
+python train.py --films trains the decoder of films (`reports.film_training`), and --regions the map
+by which displays are found (`reports.region_training`); with --help they list their flags.
 """
 
 import json
@@ -44,12 +44,13 @@ from reports.engine.digest import code_digest
 from reports.engine.records import write_lines
 from reports.evaluation.trained import BEFORE, export_and_evaluate, own_test, simulated_test
 from reports.film_training import FilmTrainConfig, train_films
+from reports.region_training import RegionTrainConfig, train_regions
 from reports.run import claim_folder
 
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """Train on one pair, or on all nine with --pair all; --films trains the decoder of films."""
+    """Train on one pair, or on all nine with --pair all; --films, --regions train other parts."""
 
     pair: str = "canon-lg"
     """Camera and display, such as canon-lg, or "all"."""
@@ -109,6 +110,9 @@ def main() -> None:
     """Simulate, train, export, evaluate."""
     if "--films" in sys.argv[1:]:
         train_films(check_flags(tyro.cli(FilmTrainConfig)))
+        return
+    if "--regions" in sys.argv[1:]:
+        train_regions(check_flags(tyro.cli(RegionTrainConfig)))
         return
     config = check_flags(tyro.cli(TrainConfig))
     check_training(config)

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
     from models.film.decoder import FilmDecoder
+    from models.region.region import DisplayRegion
 
 DAMAGE = (
     AttributeError, EOFError, LookupError, pickle.UnpicklingError, RuntimeError, struct.error,
@@ -43,7 +44,7 @@ beside each weight."""
 
 
 def save_checkpoint(
-    folder: Path, module: "PhiDecoder | FilmDecoder", extra: dict[str, Any]
+    folder: Path, module: "PhiDecoder | FilmDecoder | DisplayRegion", extra: dict[str, Any]
 ) -> None:
     """Write decoder.pt and config.json into an existing folder.
 

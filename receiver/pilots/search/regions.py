@@ -23,16 +23,17 @@ MOST_ODDS = 4.0
 """Largest log-odds that a cell counts with, for or against: a sure cell must not outweigh a whole
 side of unsure ones. Chosen by hand."""
 BEYOND_CELLS, BEYOND_ODDS = 10, -0.08
-"""Number of cells beyond the image over which an outline may reach, an eighth of its longer side,
-and the log-odds of each. Chosen by hand."""
+"""Number of cells by which an outline may reach beyond the image, an eighth of its longer side, and
+the log-odds of each. Chosen by hand."""
 STEPS = (6.0, 3.0, 1.5, 0.75, 0.4)
 """Distances, in cells, by which corners and sides are tried to be moved, one after the other: each
 about half the last one, down to a part of a cell. Chosen by hand."""
 MOST_MOVES = 20
 """Largest number of moves by each distance. It bounds the work; chosen by hand."""
 EIGHT = np.array([[x, y] for x in (-1, 0, 1) for y in (-1, 0, 1) if x or y], float)
+"""Directions in which corners are tried to be moved, (8, 2)."""
 FOUR = EIGHT[[1, 3, 4, 6]]
-"""Directions in which corners, and sides, are tried to be moved, (8, 2) and (4, 2)."""
+"""Directions in which sides are tried to be moved, (4, 2)."""
 
 
 def outline_regions(log_odds: NDArray[np.float32]) -> list[Array]:
@@ -81,10 +82,12 @@ def _rectangle_of(part: NDArray[np.bool_]) -> Array:
 def _climbed(outline: Array, sums: NDArray[np.float32]) -> tuple[float, Array]:
     """Move corners and sides as long as the sum of the log-odds within grows; it, and where."""
     best = float(_within(outline[None], sums)[0])
+    end = np.array([sums.shape[1] - 1, sums.shape[0]])
     for step in STEPS:
         for _ in range(MOST_MOVES):
             moved = outline + step * MOVES
-            likelihoods = np.where(_convex(moved), _within(moved, sums), -np.inf)
+            sound = _convex(moved) & ((moved >= 0) & (moved <= end)).all(axis=(1, 2))
+            likelihoods = np.where(sound, _within(moved, sums), -np.inf)
             first = int(likelihoods.argmax())
             if not likelihoods[first] > best:
                 break
