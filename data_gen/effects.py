@@ -1,15 +1,13 @@
 """Effects of the channel, to be switched off by name, and parameters, to be set by name."""
 
 from collections.abc import Iterable
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-from data_gen.parameters import IDENTITY, LINEAR, Pair, read_curve
+from data_gen.parameters import IDENTITY, LINEAR, PLACES, Pair, read_curve
 from link.errors import InputError, ParameterError, choose
 from link.outside import parse_json
-
-T = TypeVar("T")
 
 EFFECTS: dict[str, dict[str, Any]] = {
     "perspective": {"perspective": False},
@@ -85,25 +83,17 @@ def with_parameter(pair: Pair, name: str, value: Any) -> Pair:
 
     Args:
         pair: camera and display.
-        name: name of a field of `parameters.Camera`, `Display`, `Setup`, `Nuisance` or `Pair`.
+        name: name of the parameter, a key of `parameters.PLACES`.
         value: its new value.
 
     Raises:
         InputError: no part has such a field, or the value is out of its range.
     """
-    names = sorted(parameter_names(pair))
-    if name not in names:
-        raise InputError(f"unknown parameter {name!r}; choose from {', '.join(names)}")
-    return _replaced(pair, name, value)
-
-
-def parameter_names(part: Any) -> set[str]:
-    """Return the names of all fields of a pair, or of a part of one, and of its parts."""
-    found = set()
-    for entry in fields(part):
-        value = getattr(part, entry.name)
-        found |= parameter_names(value) if is_dataclass(value) else {entry.name}
-    return found - {"name"}
+    for place in choose(PLACES, name, "parameter"):
+        part, _, field = place.rpartition(".")
+        changes = {field: value}
+        pair = replace(pair, **{part: replace(getattr(pair, part), **changes)} if part else changes)
+    return pair
 
 
 def parse_settings(texts: Iterable[str]) -> tuple[tuple[str, Any], ...]:
@@ -144,26 +134,3 @@ def parse_settings(texts: Iterable[str]) -> tuple[tuple[str, Any], ...]:
 def as_tuple(value: Any) -> Any:
     """Make tuples of the lists of a value of JSON."""
     return tuple(as_tuple(part) for part in value) if isinstance(value, list) else value
-
-
-def _kind(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true or false"
-    if isinstance(value, int | float):
-        return "a number"
-    if isinstance(value, list | tuple):
-        return "a list"
-    return "a text" if isinstance(value, str) else "something else"
-
-
-def _replaced(part: T, name: str, value: Any) -> T:
-    changes = {}
-    for entry in fields(part):  # type: ignore[arg-type]
-        old = getattr(part, entry.name)
-        if is_dataclass(old):
-            changes[entry.name] = _replaced(old, name, value)
-        elif entry.name == name:
-            if _kind(value) != _kind(old):
-                raise InputError(f"{name}: need {_kind(old)}, such as {old!r}, got {value!r}")
-            changes[name] = value
-    return replace(part, **changes)  # type: ignore[type-var]

@@ -39,6 +39,9 @@ SCANS = {
 }
 """Orders in which a panel may write the picture, by name, and what each means."""
 
+PLAIN_KINDS = {str: "a text", bool: "true or false"}
+"""Kinds of value that have no range, and what they are called in messages."""
+
 
 class Limits(NamedTuple):
     """The range of a field, or of each number in it; both ends belong to it."""
@@ -50,7 +53,7 @@ class Limits(NamedTuple):
 
 
 class Limited:
-    """A dataclass whose fields annotated with `Limits` are checked.
+    """A dataclass whose texts, flags and fields annotated with `Limits` are checked.
 
     Raises:
         InputError: a value is of the wrong kind or out of its range; the message names the field.
@@ -61,19 +64,20 @@ class Limited:
 
     def __post_init__(self) -> None:
         for field, hint in get_type_hints(type(self), include_extras=True).items():
+            value = getattr(self, field)
+            if hint in PLAIN_KINDS and not isinstance(value, hint):
+                raise InputError(f"{self.name}: {field} must be {PLAIN_KINDS[hint]}, got {value!r}")
             if get_origin(hint) is not Annotated:
                 continue
             kind, limits = get_args(hint)
-            value = getattr(self, field)
+            allowed = f"[{limits.low:g}, {limits.high:g}]"
             shape = (3, 3) if kind == Matrix else (3,) if kind == RGB else ()
             if _shape(value) != shape:
                 wanted = " x ".join(map(str, shape)) + " numbers" if shape else "a number"
-                raise InputError(f"{self.name}: {field} must be {wanted}, got {value!r}")
+                problem = f"{field} must be {wanted} in {allowed}, got {value!r}"
+                raise InputError(f"{self.name}: {problem}")
             if not all(limits.low <= v <= limits.high for v in _flat(value)):
-                raise InputError(
-                    f"{self.name}: {field} must lie in [{limits.low:g}, {limits.high:g}], "
-                    f"got {value!r}"
-                )
+                raise InputError(f"{self.name}: {field} must lie in {allowed}, got {value!r}")
             if kind is int and value != int(value):
                 raise InputError(f"{self.name}: {field} must be a whole number, got {value!r}")
 
@@ -88,7 +92,7 @@ def check_curve(curve: Any, name: str) -> Curve:
     Raises:
         InputError: it is no such curve.
     """
-    if _shape(curve) is None or _shape(curve) != (len(curve), 2):
+    if (_shape(curve) or ())[1:] != (2,):
         raise InputError(f"{name} must be a list of pairs of numbers")
     if len(curve) < 2 or tuple(curve[0]) != (0.0, 0.0) or tuple(curve[-1]) != (1.0, 1.0):
         raise InputError(f"{name} must run from (0, 0) to (1, 1)")
@@ -194,7 +198,7 @@ class Display(Limited):
         super().__post_init__()
         choose(PANELS, self.panel, f"panel of {self.name}")
         choose(SCANS, self.scan, f"scan of {self.name}")
-        if self.light_curve:
+        if self.light_curve != ():
             check_curve(self.light_curve, f"{self.name}: light_curve")
 
 
@@ -252,7 +256,7 @@ class Camera(Limited):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        choose(ENCODINGS, str(self.encoding), f"encoding of {self.name}")
+        choose(ENCODINGS, self.encoding, f"encoding of {self.name}")
         if not all(0.998 <= sum(row) <= 1.002 for row in self.color_matrix):
             raise InputError(f"{self.name}: rows of color_matrix must sum to 1")
         check_curve(self.tone_curve, f"{self.name}: tone_curve")
@@ -313,7 +317,7 @@ class Setup(Limited):
 
 @dataclass(frozen=True)
 class Nuisance(Limited):
-    """Disturbances that no data sheet tells; `reports.lab.calibrate` fits them within bounds."""
+    """Disturbances that no data sheet tells."""
 
     name: str
     """Camera and view, for messages."""
@@ -365,3 +369,27 @@ class Pair(Limited):
 
 OBLIQUE_DEG = 45.0
 """Angle, in degrees, for which the disturbances `Pair.oblique` are fitted."""
+
+PARTS = {
+    "camera": Camera,
+    "display": Display,
+    "setup": Setup,
+    "frontal": Nuisance,
+    "oblique": Nuisance,
+}
+"""Classes of the parts of a pair, by the field of `Pair` that holds each."""
+
+
+def _places() -> dict[str, list[str]]:
+    places = {"crosstalk": ["crosstalk"]}
+    for part, kind in PARTS.items():
+        for entry in fields(kind):
+            places.setdefault(entry.name, []).append(f"{part}.{entry.name}")
+    of_one = {place: [place] for several in places.values() if several[1:] for place in several}
+    del places["name"]  # each part has another one
+    return places | of_one
+
+
+PLACES = _places()
+"""Where a parameter belongs, by its name: "iso" in "camera.iso", "drift" in "frontal.drift" and
+"oblique.drift". What several parts have is found by the latter names, too: it may be set in one."""

@@ -7,14 +7,14 @@ import pytest
 from conftest import cases
 
 from data_gen.channel.display import Emission
-from data_gen.effects import EFFECTS, parameter_names, parse_settings, with_parameter
+from data_gen.effects import EFFECTS, parse_settings, with_parameter
 from data_gen.pairs import get_pair, pair_names
+from data_gen.parameters import PLACES
 from link.errors import InputError
 
 
 def test_every_effect_sets_parameters_that_exist() -> None:
-    names = parameter_names(get_pair("canon-lg"))
-    assert {name for values in EFFECTS.values() for name in values} <= names
+    assert {name for values in EFFECTS.values() for name in values} <= set(PLACES)
 
 
 def test_a_parameter_of_both_views_is_set_in_both() -> None:
@@ -73,7 +73,10 @@ def test_a_wrong_curve_is_refused(content: str, message: str, tmp_path: Path) ->
     ('{"base": "own.json"}', "unknown base pair in"),
     ('{"base": ["canon-lg"]}', "unknown base pair in"),
     ('{"base": "canon-lg", "set": {"no": 1}}', "unknown parameter"),
-    ('{"base": "canon-lg", "set": {"drift": "x"}}', "drift: need a number"),
+    ('{"base": "canon-lg", "set": {"drift": "x"}}', "drift must be a number"),
+    ('{"base": "canon-lg", "set": {"bayer": 1}}', "bayer must be true or false"),
+    ('{"base": "canon-lg", "set": {"light_curve": 0}}', "light_curve must be a list of pairs"),
+    ('{"base": "canon-lg", "set": {"display.name": 1}}', "name must be a text"),
 )
 def test_a_wrong_pair_is_refused(content: str, message: str, tmp_path: Path) -> None:
     (tmp_path / "mine.json").write_text(content)
