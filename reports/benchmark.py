@@ -15,8 +15,7 @@ import numpy as np
 import pandas as pd
 
 from data_gen.frame_pair import Source
-from data_gen.pairs import PAIRS
-from data_gen.today import TODAY
+from data_gen.pairs import PAIRS, TODAY
 from link.images import write_bytes
 from link.layout import make_layout
 from link.presets import PRESETS

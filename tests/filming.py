@@ -10,7 +10,7 @@ from data_gen.channel.stills import capture
 from data_gen.effects import EFFECTS, FILM_EFFECTS, switch_off
 from data_gen.film.frame import VideoFrame
 from data_gen.film.scenes import Scene, SceneSettings
-from data_gen.pairs import CAMERAS, get_pair
+from data_gen.pairs import PAIRS, get_pair
 from data_gen.parameters import IDENTITY, LINEAR, Camera, Pair
 from link.embed import embed
 from link.frames import Captured, Displayed
@@ -18,6 +18,10 @@ from link.geometry import frame_corners, transform
 from link.layout import Layout, make_layout
 from link.types import Array, Floats, Homography, Image
 
+CAMERAS = {name.split("-")[0]: pair.camera for name, pair in PAIRS.items()}
+"""The cameras of the paper by the first part of a pair's name."""
+DISPLAYS = {name.split("-")[1]: pair.display for name, pair in PAIRS.items()}
+"""The displays of the paper by the second part of a pair's name."""
 SMALL = make_layout(4, 4, 128, 96, 2)
 ROOM = SceneSettings(
     size=(160, 96),

@@ -23,7 +23,7 @@ sends lux / pi.
 """
 HAZE_ROOM = 0.19
 """Light of a white sheet, relative to the display's white, at the 150 lux for which
-`pairs.DISPLAYS` states its haze."""
+data_gen/paper.json states the haze of displays."""
 WINDOW_LIGHT = (2.0, 8.0)
 """Lowest and highest light of the sky in a window behind the screen, relative to the display's
 white: 500 to 2000 cd/m^2 beside a white of 250, an overcast sky."""

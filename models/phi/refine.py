@@ -91,7 +91,7 @@ class Refiner(nn.Module):
         # log standard deviation of the bands' mean, and how it falls with their frequency
         self.bands = nn.Parameter(torch.tensor([0.0, -0.4])) if rows else None
         # what a relative change of exposure adds, as Legendre coefficients in i_o: a camera's toe
-        # and shoulder make it a hump; the start is the mean of the cameras of data_gen/pairs.py
+        # and shoulder make it a hump; the start is the mean of the cameras of data_gen/paper.json
         self.exposure = nn.Parameter(torch.tensor([0.7, 0.25, -0.5, -0.1, 0.0]))
         # observations that learned bands count for, beside this frame pair's
         self.band_trust = logs(8.0)

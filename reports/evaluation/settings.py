@@ -89,7 +89,7 @@ class EvaluateConfig(SourceFlags):
     hidden:30. Each cell has --frames films, and one window of each is decoded. Layout and kappa are
     the preset's."""
     pairs: tuple[str, ...] = tuple(PAIRS)
-    """Camera-display pairs, or "today" for all of data_gen/today.py."""
+    """Camera-display pairs, or "today" for all of data_gen/today.json."""
     views: tuple[float, ...] = (0.0, 45.0)
     """Angles of observation, degrees."""
     kappas: tuple[int, ...] = (5, 3)

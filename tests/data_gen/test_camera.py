@@ -2,13 +2,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from filming import PLAIN, develop_plainly, even_light, scene
+from filming import CAMERAS, PLAIN, develop_plainly, even_light, scene
 from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import DEMOSAIC_RAMP, FLOAT32, IDENTITY_LEVELS, NOISE_RELATIVE
 
 from data_gen.channel.camera import RESPONSE_STEPS, collect, develop, jpeg, response_curve
-from data_gen.pairs import CAMERAS, PAIRS
+from data_gen.pairs import PAIRS
 from data_gen.parameters import IDENTITY, LINEAR, Camera
 from link.types import Array, Floats
 

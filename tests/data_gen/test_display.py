@@ -3,14 +3,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from filming import even_scene, film, only, smooth_picture
+from filming import DISPLAYS, even_scene, film, only, smooth_picture
 from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import FLOAT32
 
 from data_gen.channel.display import Emission, fall_to_corners, room_light
 from data_gen.effects import with_parameter
-from data_gen.pairs import DISPLAYS, PAIRS
+from data_gen.pairs import PAIRS
 from data_gen.parameters import Display
 from link.layout import make_layout
 from link.types import Array

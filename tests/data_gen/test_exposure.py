@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from data_gen.film.exposure import BRIGHTEST_LEVEL, MEAN_LEVEL, MOST_ISO, ExposureProgram
-from data_gen.today import CAMERAS
+from data_gen.pairs import get_pair
 
-PHONE = replace(CAMERAS["phone"], anti_banding_hz=0.0)
+PHONE = replace(get_pair("phone-tv").camera, anti_banding_hz=0.0)
 
 
 def settled(program: ExposureProgram, light: float, frames: int = 6) -> None:

@@ -5,11 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import cases
+from conftest import ROOT, cases
 
-from data_gen.pairs import CAMERAS, DISPLAYS, FITTED, GROUPS, PAIRS, get_pair, pair_names
-from data_gen.today import TODAY
+from data_gen.pairs import GROUPS, PAIRS, TODAY, get_pair, pair_names
 from link.errors import InputError
+from link.outside import read_json
+
+CAMERAS, DISPLAYS = ("canon", "nikon", "sony"), ("imac", "lg", "samsung")
 
 
 def test_there_are_nine_pairs_named_camera_display() -> None:
@@ -19,42 +21,38 @@ def test_there_are_nine_pairs_named_camera_display() -> None:
         assert pair.name == name
         assert pair is get_pair(name)
         camera, display = name.split("-")
-        assert pair.camera == CAMERAS[camera]
-        assert replace(pair.display, falloff=DISPLAYS[display].falloff) == DISPLAYS[display]
+        assert pair.camera == PAIRS[f"{camera}-lg"].camera
+        assert pair.display == PAIRS[f"nikon-{display}"].display
+
+
+def test_each_number_of_the_paper_s_pairs_has_its_source() -> None:
+    content = read_json(ROOT / "data_gen" / "paper.json")
+    for name, description in (content["parts"] | content["pairs"]).items():
+        for parameter, value in description["set"].items():
+            if not parameter.endswith("name") and parameter != "perspective":
+                assert value["source"], (name, parameter)
 
 
 # What was fitted
 
 
-def test_a_pair_has_the_fitted_nuisances_and_fall_off() -> None:
-    for name, pair in PAIRS.items():
-        camera, display = name.split("-")
-        assert pair.display.falloff == tuple(FITTED["falloff"][display])
-        for nuisance, view in ((pair.frontal, "0"), (pair.oblique, "45")):
-            for field, value in FITTED["fitted"][camera][view].items():
-                assert getattr(nuisance, field) == value
-
-
 def test_fitted_nuisances_lie_within_their_bounds() -> None:
-    for camera in CAMERAS:
-        for view in ("0", "45"):
-            fitted = FITTED["fitted"][camera][view]
-            assert set(fitted) == {"drift", "jitter_px", "noise_scale"}
-            for field, value in fitted.items():
-                low, high = FITTED["bounds"][field]
-                assert low <= value <= high, (camera, view, field)
+    for pair in PAIRS.values():
+        for nuisance in (pair.frontal, pair.oblique):
+            assert 0.01 <= nuisance.drift <= 0.05
+            assert 0.05 <= nuisance.jitter_px <= 0.3
+            assert 0.2 <= nuisance.noise_scale <= 1.0
 
 
 @cases(("imac", 1.5, 3.0), ("lg", 2.0, 3.6), ("samsung", 2.8, 4.8))
 def test_fitted_fall_off_of_green_lies_within_its_bounds(
     display: str, low: float, high: float
 ) -> None:
-    assert low <= FITTED["falloff"][display][1] <= high
-    assert low <= DISPLAYS[display].falloff[1] <= high
+    assert low <= PAIRS[f"canon-{display}"].display.falloff[1] <= high
 
 
 def test_the_fall_off_of_the_tn_panel_exceeds_that_of_the_others_as_fitted() -> None:
-    green = {display: FITTED["falloff"][display][1] for display in DISPLAYS}
+    green = {display: PAIRS[f"canon-{display}"].display.falloff[1] for display in DISPLAYS}
     assert green["samsung"] > green["lg"] > green["imac"]
 
 
@@ -76,7 +74,8 @@ def test_crosstalk_agrees_with_the_published_check_for_nikon_and_imac() -> None:
 def test_white_at_30_degrees_keeps_what_the_worst_of_phones_lost() -> None:
     exponent = PAIRS["canon-samsung"].display.falloff[1]
     assert math.cos(math.radians(30)) ** exponent > 0.5
-    assert DISPLAYS["samsung"].washout > DISPLAYS["lg"].washout > DISPLAYS["imac"].washout
+    washout = [PAIRS[f"canon-{display}"].display.washout for display in DISPLAYS]
+    assert washout == sorted(washout)
 
 
 # Pairs of today

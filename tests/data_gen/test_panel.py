@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 from tolerances import FLOAT32, PHASE_MEAN
 
 from data_gen.channel.panel import LEAST_SHARE, Panel, dithered
-from data_gen.pairs import DISPLAYS
+from data_gen.pairs import PAIRS, TODAY
 from data_gen.parameters import SCANS, Display
-from data_gen.today import DISPLAYS as DISPLAYS_OF_TODAY
-from data_gen.today import LAPTOP
 from link.types import Floats, Image
 
 SIZE = 64, 48
-STEADY = replace(DISPLAYS["lg"], scan="none", rise_s=(0, 0, 0), fall_s=(0, 0, 0), pwm_depth=0.0)
+STEADY = replace(
+    PAIRS["canon-lg"].display, scan="none", rise_s=(0, 0, 0), fall_s=(0, 0, 0), pwm_depth=0.0
+)
 
 
 def pictures(levels: list[int]) -> list[Image]:
@@ -122,11 +122,11 @@ def test_pulses_of_an_oled_run_with_its_scan_and_those_of_a_backlight_do_not() -
 
 
 def test_a_laptop_shows_a_steady_picture_as_it_is() -> None:
-    level, shares = exposed(LAPTOP, [77], 15.0, 0.3, 1 / 60)
+    level, shares = exposed(TODAY["phone-laptop"].display, [77], 15.0, 0.3, 1 / 60)
     np.testing.assert_allclose(level, 77, rtol=4 * FLOAT32)
     assert sum(shares.values()) == pytest.approx(1.0)
 
 
 def test_a_fast_fall_after_a_slow_rise_ends_no_darker_than_dark() -> None:
-    level, _ = exposed(DISPLAYS_OF_TODAY["tv"], [0, 0, 255], 60.0, 0.0786, 0.004)
+    level, _ = exposed(TODAY["phone-tv"].display, [0, 0, 255], 60.0, 0.0786, 0.004)
     assert level.min() == 0

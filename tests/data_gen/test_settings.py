@@ -55,6 +55,19 @@ def test_a_pair_of_ones_own_has_the_curves_that_were_measured(tmp_path: Path) ->
     assert given == ("tone_curve", pair.camera.tone_curve)
 
 
+def test_a_pair_of_ones_own_joins_parts_and_says_where_numbers_are_from(tmp_path: Path) -> None:
+    file = tmp_path / "mine.json"
+    file.write_text(
+        '{"base": ["canon-lg", "tv"], "set": {"camera.name": "mine", "oblique.drift": 0.2,'
+        ' "iso": {"value": 200, "source": "as it was set"}}}'
+    )
+    pair, base = get_pair(str(file)), get_pair("canon-lg")
+    assert (pair.camera.name, pair.camera.iso) == ("mine", 200)
+    assert pair.display == get_pair("phone-tv").display
+    assert (pair.frontal.drift, pair.oblique.drift) == (base.frontal.drift, 0.2)
+    assert pair.crosstalk == base.crosstalk
+
+
 @cases(
     ("0,0\n0.5,x\n1,1", "line 2 holds no two numbers"),
     ("0,0\n0.5,0.7", r"must run from \(0, 0\) to \(1, 1\)"),
@@ -71,9 +84,12 @@ def test_a_wrong_curve_is_refused(content: str, message: str, tmp_path: Path) ->
     ("[]", "need"),
     ('{"base": "no"}', "pair"),
     ('{"base": "own.json"}', "unknown base pair in"),
-    ('{"base": ["canon-lg"]}', "unknown base pair in"),
+    ('{"base": [["canon-lg"]]}', "unknown base pair in"),
+    ('{"base": []}', "neither base nor set gives camera.name"),
+    ('{"base": ["canon", "tv", "hand"]}', "neither base nor set gives crosstalk"),
     ('{"base": "canon-lg", "set": {"no": 1}}', "unknown parameter"),
     ('{"base": "canon-lg", "set": {"drift": "x"}}', "drift must be a number"),
+    ('{"base": "canon-lg", "set": {"drift": {"value": 0.1}}}', "drift must be a number"),
     ('{"base": "canon-lg", "set": {"bayer": 1}}', "bayer must be true or false"),
     ('{"base": "canon-lg", "set": {"light_curve": 0}}', "light_curve must be a list of pairs"),
     ('{"base": "canon-lg", "set": {"display.name": 1}}', "name must be a text"),

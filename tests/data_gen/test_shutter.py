@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from tolerances import FLOAT32, FLOAT64, PHASE_MEAN
 
 from data_gen.channel.shutter import pwm_gain
-from data_gen.pairs import CAMERAS, DISPLAYS
+from data_gen.pairs import PAIRS
 from data_gen.parameters import Camera, Display
 
 ROWS = 40
@@ -16,11 +16,11 @@ shutter_s, readout_s, phase = st.floats(1e-3, 0.04), st.floats(0.0, 0.03), st.fl
 
 
 def backlight(hz: float, duty: float, depth: float = 1.0) -> Display:
-    return replace(DISPLAYS["imac"], pwm_hz=hz, pwm_duty=duty, pwm_depth=depth)
+    return replace(PAIRS["sony-imac"].display, pwm_hz=hz, pwm_duty=duty, pwm_depth=depth)
 
 
 def shutter(shutter_s: float, readout_s: float = 0.0) -> Camera:
-    return replace(CAMERAS["sony"], shutter_s=shutter_s, readout_s=readout_s)
+    return replace(PAIRS["sony-imac"].camera, shutter_s=shutter_s, readout_s=readout_s)
 
 
 def pulses(display: Display, camera: Camera, row: int, phase: float) -> float:
