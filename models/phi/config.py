@@ -53,8 +53,7 @@ class DecoderConfig:
     """Whether the motion between the frames is removed first."""
     train_on: str = "tile"
     """What a training sample of a frame pair is. "tile" is the mean over 36 points of a ratex
-    tile's inner half, "area" the mean over the tile without its margin, and "pixel" each of the 36
-    points."""
+    tile's inner half, "area" the mean over the tile without its margin."""
     coarsen: int = 1
     """Number of pixels averaged along each axis before all else. 1 keeps all of them; 2 takes a
     quarter of the time."""
@@ -70,7 +69,7 @@ class DecoderConfig:
 
     def __post_init__(self) -> None:
         choose(CHANNELS, self.channels, "channels")
-        choose(dict.fromkeys(("tile", "area", "pixel")), self.train_on, "train_on")
+        choose(dict.fromkeys(("tile", "area")), self.train_on, "train_on")
         for field, value in asdict(self).items():
             kind = type(getattr(DecoderConfig, field))
             if type(value) is not kind:

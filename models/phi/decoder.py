@@ -91,8 +91,7 @@ class PhiDecoder(nn.Module):
         self.pilot_index = table(layout.pilot_blocks)
         self.message_index = table(layout.message_mask.reshape(-1).nonzero()[0])
         known = tile_labels(layout).reshape(-1) if layout.ratex else layout.pilot_bits
-        repeats = SAMPLES * SAMPLES if layout.ratex and self.config.train_on == "pixel" else 1
-        self.labels = table(np.repeat(2.0 * known - 1, repeats))
+        self.labels = table(2.0 * known - 1)
 
     def forward(self, original: Tensor, embedded: Tensor) -> tuple[Tensor, Tensor]:
         """Decode a batch of rectified frame pairs.
@@ -120,8 +119,7 @@ class PhiDecoder(nn.Module):
             embedded: (B, 3, H, W) uint8, or float in [0, 255]; encoded RGB.
 
         Returns:
-            known: (B, N, F) float64, features of the N training samples: ratex tiles, their pixels
-                or pilots.
+            known: (B, N, F) float64, features of the N training samples: ratex tiles or pilots.
             blocks: (B, n_bits, F) float64, features averaged over message blocks.
         """
         return self.average(*self.pixel_maps(original, embedded))
@@ -190,8 +188,7 @@ class PhiDecoder(nn.Module):
         if self.refiner is None:
             scores = self.log_temperature.exp() * scores
         else:
-            taught = self.statistics(self._tile_means(known))
-            scores = self.refiner(taught, self.statistics(blocks), scores)
+            scores = self.refiner(self.statistics(known), self.statistics(blocks), scores)
         return scores.float(), head.float()
 
     def _fit_head(self, known: Tensor) -> Tensor:
@@ -202,13 +199,6 @@ class PhiDecoder(nn.Module):
         ridge, prior = self.log_ridge.double().exp(), self.prior.double()
         w = fit_head(X, self.labels, self.log_C.double().exp(), ridge, prior)
         return torch.cat([w[:, :-1] / scale, w[:, -1:]], dim=-1)
-
-    def _tile_means(self, known: Tensor) -> Tensor:
-        """Average the features of training samples over each ratex tile: (B, tiles, F)."""
-        if self.config.train_on != "pixel" or not self.layout.ratex:
-            return known
-        B, _, F = known.shape
-        return known.reshape(B, -1, SAMPLES * SAMPLES, F).mean(2)  # from (B, tiles 36, F)
 
     def statistics(self, features: Tensor) -> Tensor:
         """Pick the features that the refiner takes from all of `summarise`'s.
@@ -242,8 +232,7 @@ class PhiDecoder(nn.Module):
         length = torch.cat([self.tile.new_full((1, 1), n) for n in (height, width)])
         y, x = torch.minimum(sample_position(self.tile, self.step, tiles, length), length - 1)
         u = maps.flatten(2).index_select(2, (y * width + x).long()).double()  # (B, F, pixels)
-        if self.config.train_on == "tile":
-            u = u.reshape(u.shape[0], u.shape[1], -1, SAMPLES * SAMPLES).mean(3)
+        u = u.reshape(*u.shape[:2], -1, SAMPLES * SAMPLES).mean(3)
         return self.phi.of_means(u).transpose(1, 2)
 
     def block_means(self, maps: Tensor, weights: Tensor, with_weight: bool) -> Tensor:
