@@ -5,7 +5,8 @@ new choice about the layout is a field of `LayoutFlags`, one about the channel a
 `SourceFlags`, and a word in their methods.
 """
 
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass
+from inspect import get_annotations
 from pathlib import Path
 from typing import TypeVar
 
@@ -23,17 +24,15 @@ T = TypeVar("T")
 def own_first(config: type[T]) -> type[T]:
     """Put the fields that a dataclass adds before those that it inherits, as --help lists them.
 
+    >>> from dataclasses import fields
     >>> [field.name for field in fields(own_first(CellFlags))][:5]
     ['pair', 'view', 'kappa', 'split', 'seed']
     """
-    classes = [each for each in config.__mro__ if is_dataclass(each)]
-    order = sorted(
-        (field.name for field in fields(classes[0])),
-        key=lambda name: sum(name in each.__dataclass_fields__ for each in classes),
-    )
-    known = classes[0].__dataclass_fields__
-    named = {name: known.pop(name) for name in order}
-    known.update(named)
+    declared = enumerate(map(get_annotations, config.__mro__))
+    level = {name: number for number, names in declared for name in names}  # where it comes from
+    known = config.__dataclass_fields__  # type: ignore[attr-defined]
+    for name in sorted(known, key=lambda name: level[name]):
+        known[name] = known.pop(name)  # puts it last
     return config
 
 
