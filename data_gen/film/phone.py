@@ -51,12 +51,6 @@ class PhoneSettings:
     motion_blur: bool = False
     """Whether the hand's motion while the shutter is open blurs the frame."""
 
-    @property
-    def processes(self) -> bool:
-        """Whether any effect but motion blur is on; ``stabilise_px`` alone does nothing."""
-        usual = PhoneSettings()
-        return replace(self, stabilise_px=usual.stabilise_px, motion_blur=False) != usual
-
     def check(self) -> None:
         """Raise a `ParameterError` that names the first setting that is out of its range."""
         in_range(

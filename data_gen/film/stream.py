@@ -153,8 +153,6 @@ def film(
     frames = _Stream(states, scene, settings, rng).frames()
     phone = settings.phone
     phone = replace(phone, distortion=phone.distortion or pair.camera.distortion)
-    if not phone.processes:
-        return frames
     processor = PhoneProcessor(phone, (layout.width, layout.height), rng.spawn(1)[0])
     return map(processor.process, frames)
 
