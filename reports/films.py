@@ -88,7 +88,7 @@ def film_cuts(take: Take, seconds: float) -> list[KnownWindow | Captured]:
     for cut in cuts:
         match = match_loop(cut.scores, filmed.bits)
         found += cut.known(match.bits, ends=True) if match.kind == "fits" else []
-    return found
+    return [replace(each, meta={"picture": filmed.picture}) for each in found]
 
 
 @dataclass(frozen=True)
@@ -122,16 +122,14 @@ def _(source: FilmSource, cell: Cell, index: int, equalised: bool) -> KnownWindo
     All methods get the same one, whatever pictures they would have the display show.
     """
     each = 1 if reads_films(source.layout) else PAIRS_A_FILM
-    found, picture = _film(source, cell, index // each, each)
-    return replace(found[index % each], kappa=source.settings.kappa, meta={"picture": picture})
+    found = _film(source, cell, index // each, each)
+    return replace(found[index % each], kappa=source.settings.kappa)
 
 
 @lru_cache(maxsize=2)
-def _film(
-    source: FilmSource, cell: Cell, index: int, least: int
-) -> tuple[list[KnownWindow | Captured], str]:
+def _film(source: FilmSource, cell: Cell, index: int, least: int) -> list[KnownWindow | Captured]:
     for number in range(index * TRIES, (index + 1) * TRIES):
         take = Take(source.settings, cell.pair, cell.view_deg, number, source.seed, "test")
         if len(found := film_cuts(take, SECONDS)) >= least:
-            return found[-least:], film_message(take).picture
+            return found[-least:]
     raise InputError(f"the receiver found no display in {TRIES} films, number {index}")
