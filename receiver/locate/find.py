@@ -6,6 +6,7 @@ and where its corners are to sub-pixels. Without patches the likeliest candidate
 
 from collections.abc import Iterable, Sequence
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,17 +50,27 @@ hand."""
 SPOT_QUADS, PARTIAL_QUADS = 30, 8
 """Largest numbers of quadrilaterals that are made from patches alone: of a display that is in view,
 and of one that is partly so. They bound the work of a search that finds nothing; chosen by hand."""
-WHOLE = (0.55, 2, 0.93)
-"""What it takes to find a whole display: mean correlation of single patches near their places that
-is worth aligning, of which true displays had 0.69 and more, turned ones up to 0.65; number of a
-quadrilateral's quarter turns that are aligned, the most promising ones; and correlation of the
-patches at which no further quadrilateral is tried, above what is needed
-(`receiver.locate.refine.FEW_PATCHES_CORRELATION`) for any number of patches, chosen by hand."""
-PARTLY = (0.65, 1, 0.0)
-"""What it takes, as for `WHOLE`, to find a display of which some patches are out of view. More
-promise is wanted, because fewer patches match by chance more easily; of the guesses of a
-quadrilateral's perspective the most promising one is aligned; and whatever then shows the patches
-well enough is taken. Chosen by hand."""
+
+
+class Demand(NamedTuple):
+    """What it takes to find a display by its patches."""
+
+    promise: float
+    """Mean correlation of single patches near their places that is worth aligning."""
+    aligned: int
+    """Largest number of readings of a quadrilateral that are aligned, the most promising ones."""
+    sure: float
+    """Correlation of the patches at which no further quadrilateral is tried."""
+
+
+WHOLE = Demand(promise=0.55, aligned=2, sure=0.93)
+"""For a whole display, of which the readings are quarter turns. True displays had a promise of 0.69
+and more, turned ones up to 0.65; and it is sure above what is needed
+(`receiver.locate.refine.FEW_PATCHES_CORRELATION`) for any number of patches. Chosen by hand."""
+PARTLY = Demand(promise=0.65, aligned=1, sure=0.0)
+"""For a display of which some patches are out of view; the readings are guesses of its perspective.
+More promise is wanted, because fewer patches match by chance more easily, and whatever then shows
+the patches well enough is taken. Chosen by hand."""
 LEAVING_QUADS = 6
 """Largest number of quadrilaterals of lines that leave the image. It bounds the work of a search
 that finds nothing; chosen by hand."""
@@ -138,7 +149,7 @@ def search_steps(
         if found is None:
             bent = on_full_image(partial_quads(spots, layout, gray.shape, PARTIAL_QUADS), scale)
             yield COMBINE_WORK
-            found = yield from best_match(map(partial(_sound, image), bent), partly=True)
+            found = yield from best_match(map(partial(_sound, image), bent), PARTLY)
     if found is None:
         found = yield from best_match(map(_turned, corners[LIKELY:]))
     if found is None:
@@ -176,8 +187,7 @@ def _best_match(
     layout: Layout,
     avoid: Sequence[Corners],
     places: Iterable[Sequence[Corners]],
-    *,
-    partly: bool = False,
+    demand: Demand = WHOLE,
 ) -> Steps[Located | None]:
     """Find where the image shows the patches best, or the first certain place; None for none.
 
@@ -188,15 +198,14 @@ def _best_match(
         avoid: pixels of displays that are not to be found.
         places: corners by which each place may show the display, the most promising of which are
             aligned.
-        partly: whether a display that is partly out of view is looked for (`PARTLY`).
+        demand: what it takes to find the display.
     """
-    promising, aligned, sure = PARTLY if partly else WHOLE
     best: Located | None = None
     for readings in places:
         promise = [search_patches(pyramid, corners, layout)[0] for corners in readings]
         work = len(promise)
-        for number in np.argsort(promise)[::-1][:aligned]:
-            if promise[number] < promising:
+        for number in np.argsort(promise)[::-1][: demand.aligned]:
+            if promise[number] < demand.promise:
                 continue
             corners, seen = corners_on_patches(image, pyramid, readings[number], layout)
             work += REFINE_WORK
@@ -204,6 +213,6 @@ def _best_match(
             if better and not is_at(corners, avoid):
                 best = Located(corners, min(1.0, seen))
         yield work
-        if best is not None and best.score >= sure:
+        if best is not None and best.score >= demand.sure:
             break
     return best
