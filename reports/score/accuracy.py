@@ -16,7 +16,7 @@ from link.outside import read_json
 from reports.engine.checked import write_json
 from reports.engine.records import CELL
 from reports.score.intervals import clustered_interval, wilson
-from reports.score.paper import paper_accuracy
+from reports.score.paper import PRINTED
 
 SCORES = [
     "condition", "method", *CELL, "frames", "bits", "correct", "correct_squared",
@@ -109,7 +109,5 @@ def read_scores(file: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
 
 def _printed(table: pd.DataFrame) -> list[float]:
     """The paper's accuracy in [0, 1] for each row of a score table; NaN where it has no cell."""
-    return [
-        np.nan if pd.isna(row.view_deg) or pd.isna(row.kappa) else paper_accuracy(*row) or np.nan
-        for row in table[[*CELL, "method"]].itertuples(index=False, name="PaperCell")
-    ]
+    cells = table[[*CELL, "method"]].itertuples(index=False, name=None)
+    return [PRINTED.get(cell, np.nan) for cell in cells]
