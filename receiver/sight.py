@@ -15,7 +15,14 @@ from receiver.seen import SeenFrame
 
 @dataclass
 class StageTimes:
-    """Time that the receiver has spent in each of its stages."""
+    """Time that was spent in each of some stages, such as those of the receiver.
+
+    >>> timing = StageTimes()
+    >>> with timing.stage("nothing"):
+    ...     pass
+    >>> timing.spent["nothing"] < 1, timing.count
+    (True, {'nothing': 1})
+    """
 
     spent: dict[str, float] = field(default_factory=dict)
     """Seconds spent in each stage, by its name."""

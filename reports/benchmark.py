@@ -19,6 +19,7 @@ from data_gen.pairs import PAIRS, TODAY
 from link.images import write_bytes
 from link.layout import make_layout
 from link.presets import PRESETS
+from receiver.sight import StageTimes
 from reports.engine.backends import one_thread, run_tasks
 from reports.engine.digest import code_digest
 from reports.engine.methods import Method
@@ -31,7 +32,6 @@ from reports.engine.predict import (
 )
 from reports.engine.provenance import provenance
 from reports.evaluation.comparison import Bench, film_conditions
-from reports.evaluation.evidence import Stopwatch
 from reports.render.tables import Table, TableCell, percent, share_interval
 from reports.score.accuracy import pool, score
 
@@ -95,8 +95,8 @@ def run_benchmark(bench: Bench) -> list[str]:
     def tabulate(records: pd.DataFrame) -> list[Table]:
         return [benchmark_table(pooled(records), [condition.name for condition in conditions])]
 
-    def write_result(predicted: Predicted, clock: Stopwatch) -> list[str]:
-        with clock.time("digests"):
+    def write_result(predicted: Predicted, clock: StageTimes) -> list[str]:
+        with clock.stage("digests"):
             digests = {
                 conditions[outcome.index].name: outcome.result or "failed"
                 for outcome in run_tasks(

@@ -12,6 +12,7 @@ import pandas as pd
 
 from link.captures import MANIFEST, read_manifest
 from link.errors import at_least
+from receiver.sight import StageTimes
 from reports.captured.door import FILMS
 from reports.captured.evidence import film_evidence
 from reports.engine.backends import Backend
@@ -25,11 +26,7 @@ from reports.engine.predict import (
     recorded_conditions,
 )
 from reports.engine.provenance import provenance
-from reports.evaluation.evidence import (
-    Stopwatch,
-    simulated_pictures,
-    write_responses,
-)
+from reports.evaluation.evidence import simulated_pictures, write_responses
 from reports.evaluation.stories import worst_stories
 from reports.evaluation.sweeps import sweep_conditions
 from reports.films import FilmSource, film_settings
@@ -37,7 +34,7 @@ from reports.render.tables import Table, cell_tables, information_table, summary
 from reports.run import PREDICTIONS, STORIES, SWEPT, RunFolder
 from reports.score.accuracy import score
 
-Beside = Callable[[Predicted, Stopwatch], list[str]]
+Beside = Callable[[Predicted, StageTimes], list[str]]
 """Writes more beside what was decoded, and gives a line for each cell that failed on the way."""
 
 
@@ -79,8 +76,8 @@ class Bench:
         Returns:
             a line for each cell that failed.
         """
-        clock, folder = Stopwatch(), self.folder
-        with clock.time("decoding"):
+        clock, folder = StageTimes(), self.folder
+        with clock.stage("decoding"):
             predicted = predict(conditions, self.methods, folder.path / PREDICTIONS, self.backend)
         notes = [*notes, *predicted.left_out]
         tables = [table.markdown() for table in tabulate(predicted.records)]
@@ -90,7 +87,7 @@ class Bench:
         written = f"written: {folder.path}/predictions.jsonl, metrics.json, tables.md"
         print(*tables, written, sep="\n\n")
         failed = predicted.failed + beside(predicted, clock)
-        folder.finish(meta, clock.seconds, [*notes, *failed], **stated)
+        folder.finish(meta, clock.spent, [*notes, *failed], **stated)
         return failed
 
 
@@ -113,19 +110,19 @@ def evaluate_simulated(
         title = f"All cells (simulated captures, {kind})"
         return [*cell_tables(scores), summary_table(scores, title)]
 
-    def beside(predicted: Predicted, clock: Stopwatch) -> list[str]:
+    def beside(predicted: Predicted, clock: StageTimes) -> list[str]:
         records = predicted.records
         if not bench.html:
             return []
         suited = [m for m in bench.methods if m.label in set(records["method"])]
-        with clock.time("sweeps"):
+        with clock.stage("sweeps"):
             fewer = max(1, 2 * comparison.frames // 3)
             conditions = sweep_conditions(sweeps, source, fewer, quick)
             unlike = [method for method in suited if not method.card.twin_of]
             swept = predict(conditions, unlike, folder.path / SWEPT, bench.backend)
-        with clock.time("pictures"):
+        with clock.stage("pictures"):
             simulated_pictures(folder, comparison, records, suited)
-        with clock.time("responses"):
+        with clock.stage("responses"):
             write_responses(folder, comparison, suited)
         return swept.failed
 
@@ -186,13 +183,13 @@ def evaluate_folder(
         windows = any(entry.is_window for entry in entries)
         return [*tables, information_table(records)] if windows else tables
 
-    def beside(predicted: Predicted, clock: Stopwatch) -> list[str]:
+    def beside(predicted: Predicted, clock: StageTimes) -> list[str]:
         records = predicted.records
         if any("time_s" in entry.meta for entry in entries):
-            with clock.time("counting"):
+            with clock.stage("counting"):
                 folder.write(FILMS, film_evidence(captures, records, folder.path, bench.html))
         if bench.html:
-            with clock.time("pictures"):
+            with clock.stage("pictures"):
                 stories = worst_stories(
                     records, lambda row: entries[row["index"]].load(), folder.path
                 )

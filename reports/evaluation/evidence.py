@@ -1,9 +1,6 @@
 """Evidence in the report beside the main comparison: sweeps, pictures, and responses."""
 
-import contextlib
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
-from time import perf_counter
+from collections.abc import Sequence
 
 import pandas as pd
 
@@ -20,28 +17,6 @@ QUICK_FRAMES = 4
 """Largest number of frame pairs of each cell that ``evaluate.py --quick`` decodes."""
 RESPONSE_CELLS, RESPONSE_FRAMES = 6, 3
 """Number of cells in which responses are measured, and of frame pairs in each of them."""
-
-
-@dataclass
-class Stopwatch:
-    """Seconds by what took them.
-
-    >>> clock = Stopwatch()
-    >>> with clock.time("nothing"):
-    ...     pass
-    >>> clock.seconds["nothing"] < 1
-    True
-    """
-
-    seconds: dict[str, float] = field(default_factory=dict)
-    """Seconds that were spent so far, by what took them."""
-
-    @contextlib.contextmanager
-    def time(self, name: str) -> Iterator[None]:
-        """Add the time that the block takes to what was spent on ``name`` before."""
-        start = perf_counter()
-        yield
-        self.seconds[name] = self.seconds.get(name, 0.0) + perf_counter() - start
 
 
 def simulated_pictures(
