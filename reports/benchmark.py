@@ -6,7 +6,6 @@ its first frames. Results of the same version, with the same digests of frames, 
 """
 
 import hashlib
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -16,11 +15,11 @@ import pandas as pd
 
 from data_gen.frame_pair import Source
 from data_gen.pairs import PAIRS, TODAY
-from link.images import write_bytes
 from link.layout import make_layout
 from link.presets import PRESETS
 from receiver.sight import StageTimes
 from reports.engine.backends import one_thread, run_tasks
+from reports.engine.checked import write_json
 from reports.engine.digest import code_digest
 from reports.engine.methods import Method
 from reports.engine.predict import (
@@ -117,8 +116,7 @@ def run_benchmark(bench: Bench) -> list[str]:
             "decoders": [decoder_result(method, conditions, pools) for method in bench.methods],
             "failed_cells": predicted.failed,
         }
-        text = json.dumps(result, indent=1, default=str) + "\n"
-        write_bytes(bench.folder.path / RESULT, text.encode())
+        write_json(bench.folder.path / RESULT, result)
         return []
 
     return bench.compare(conditions, SEED, tabulate, beside=write_result)

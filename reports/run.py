@@ -16,7 +16,7 @@
 import json
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, is_dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -29,7 +29,7 @@ from link.images import make_folder, write_bytes
 from link.outside import inside, is_file, parse_json, read_json
 from reports.captured.door import FILMS
 from reports.captured.evidence import FilmEvidence
-from reports.engine.checked import Count, Number, checked
+from reports.engine.checked import Count, Number, checked, write_json
 from reports.engine.provenance import Machine, Making, commit, machine
 from reports.engine.records import read_predictions
 from reports.score.accuracy import STORED, score, write_scores
@@ -243,16 +243,6 @@ class RunFolder:
         write_bytes(self.path / CSV, scores[STORED].to_csv(index=False).encode())
         write_bytes(self.path / "tables.md", f"{tables}\n".encode())
 
-    def write(self, name: str, content: object) -> None:
-        """Write a file of the run as strict JSON; dataclasses are written as objects.
-
-        Args:
-            name: such as `STORIES`; pictures that it names lie in the folder already.
-            content: dataclasses, lists, dicts and plain values; anything else is written as text.
-        """
-        text = json.dumps(content, indent=1, default=_plain, allow_nan=False) + "\n"
-        write_bytes(self.path / name, text.encode())
-
     def finish(
         self,
         meta: dict[str, Any],
@@ -272,7 +262,7 @@ class RunFolder:
         rounded = {name: round(value, 1) for name, value in seconds.items()}
         settings = {**self.settings, **stated}
         about = About(meta, commit(), machine(), settings, rounded, list(notes))
-        self.write("run.json", about)
+        write_json(self.path / "run.json", about)
 
     def read(self) -> Run:
         """Read a finished run.
@@ -317,8 +307,3 @@ class RunFolder:
         """Content of a file, checked against its type; None where there is no such file."""
         file = self.path / name
         return checked(kind, read_json(file), name) if is_file(file) else None
-
-
-def _plain(value: Any) -> Any:
-    """Turn a value that JSON does not know into an object, if it is a dataclass, else into text."""
-    return vars(value) if is_dataclass(value) else str(value)

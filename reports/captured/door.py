@@ -5,7 +5,6 @@ what was sent. What does not fit is refused, and so nothing is scored by a wrong
 out is a folder of captures (`link.captures`), and films.json, which says what the receiver saw.
 """
 
-import json
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -18,7 +17,7 @@ from tqdm import tqdm
 from link.captures import MANIFEST, KnownWindow, save_captures
 from link.errors import InputError
 from link.frames import Captured
-from link.images import image_files, write_bytes
+from link.images import image_files
 from link.images.files import read_image
 from link.layout import Layout
 from link.observation import Observation
@@ -30,7 +29,7 @@ from receiver.tracking.two_images import find_in_both, state_change
 from reports.captured.receive import Cut, Reception, open_readers, receive_film
 from reports.captured.sent import Sent, read_sent, sent_of
 from reports.captured.truth import Match, match_loop
-from reports.engine.checked import checked
+from reports.engine.checked import checked, write_json
 from reports.engine.digest import file_digest, short_digest
 
 FILMS = "films.json"
@@ -120,7 +119,7 @@ class Recordings:
         if not captures:
             raise InputError("nothing of what --sent shows could be read; " + "; ".join(notes))
         content = {"films": seen, "notes": notes}
-        write_bytes(folder / FILMS, (json.dumps(content, indent=1) + "\n").encode())
+        write_json(folder / FILMS, content)
         save_captures(folder, captures)
         return notes
 

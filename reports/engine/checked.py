@@ -62,18 +62,20 @@ def checked(kind: type[T], content: Any, where: str) -> T:
     return value
 
 
-def write_json(file: Path, content: dict[str, Any]) -> None:
-    """Write a study's results as strict JSON, with one space of indentation.
+def write_json(file: Path, content: object) -> None:
+    """Write results as strict JSON, with one space of indentation.
 
     Args:
         file: name of the file; an older one is replaced at once.
-        content: dicts, lists, texts, booleans, None, and numbers.
+        content: dicts, lists, texts, booleans, None, numbers, and dataclasses, which are written
+            as objects.
 
     Raises:
         ValueError: a number is not finite, which strict JSON cannot hold.
         InputError: the file cannot be written.
     """
-    write_bytes(file, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
+    text = json.dumps(content, indent=1, default=vars, allow_nan=False)
+    write_bytes(file, f"{text}\n".encode())
 
 
 def seal(line: dict[str, Any]) -> str:

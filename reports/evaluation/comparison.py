@@ -16,6 +16,7 @@ from receiver.sight import StageTimes
 from reports.captured.door import FILMS
 from reports.captured.evidence import film_evidence
 from reports.engine.backends import Backend
+from reports.engine.checked import write_json
 from reports.engine.digest import file_digest
 from reports.engine.methods import Method
 from reports.engine.predict import (
@@ -187,13 +188,14 @@ def evaluate_folder(
         records = predicted.records
         if any("time_s" in entry.meta for entry in entries):
             with clock.stage("counting"):
-                folder.write(FILMS, film_evidence(captures, records, folder.path, bench.html))
+                seen = film_evidence(captures, records, folder.path, bench.html)
+                write_json(folder.path / FILMS, seen)
         if bench.html:
             with clock.stage("pictures"):
                 stories = worst_stories(
                     records, lambda row: entries[row["index"]].load(), folder.path
                 )
-                folder.write(STORIES, stories)
+                write_json(folder.path / STORIES, stories)
         return []
 
     unlike = any(entry.layout.ratex and not entry.meta.get("equalised") for entry in entries)

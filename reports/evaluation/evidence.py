@@ -7,6 +7,7 @@ import pandas as pd
 from data_gen.frame_pair import Cell, FramePair
 from link.captures import KnownWindow
 from link.frames import Captured
+from reports.engine.checked import write_json
 from reports.engine.methods import Method
 from reports.engine.predict import Condition, observe
 from reports.evaluation.response import measure_response
@@ -36,7 +37,7 @@ def simulated_pictures(
         cell = Cell(row["pair"], float(row["view_deg"]), int(row["kappa"]))
         return observe(comparison.source, cell, int(row["index"]), row["method"] in equalised)
 
-    folder.write(STORIES, worst_stories(records, filmed_again, folder.path))
+    write_json(folder.path / STORIES, worst_stories(records, filmed_again, folder.path))
 
 
 def write_responses(folder: RunFolder, comparison: Condition, methods: Sequence[Method]) -> None:
@@ -49,7 +50,7 @@ def write_responses(folder: RunFolder, comparison: Condition, methods: Sequence[
         for cell in cells
         for index in range(min(RESPONSE_FRAMES, comparison.frames))
     ]
-    folder.write(RESPONSES, [measure_response(pair, methods) for pair in pairs])
+    write_json(folder.path / RESPONSES, [measure_response(pair, methods) for pair in pairs])
 
 
 def response_cells(cells: Sequence[Cell]) -> list[Cell]:

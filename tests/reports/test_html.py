@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import evaluate
-from reports.engine.checked import write_sealed
+from reports.engine.checked import write_json, write_sealed
 from reports.engine.records import to_records
 from reports.evaluation.html import render
 from reports.evaluation.page import SECTIONS, ranked_comparisons, write_report
@@ -348,7 +348,7 @@ def test_pictures_outside_the_run_or_missing_are_refused(
 ) -> None:
     folder = store("stories", [line("oorc", 0, 1)])
     (folder.parent / "secret.jpg").write_bytes(b"secret")
-    RunFolder(folder).write(STORIES, [Story("oorc", "where", [(file, "caption")])])
+    write_json(folder / STORIES, [Story("oorc", "where", [(file, "caption")])])
     refuses("evaluate", ["--report", folder], file, folder=folder)
 
 
