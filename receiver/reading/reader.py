@@ -4,6 +4,7 @@ A `DisplayReader` takes the rectified display of one camera frame after another.
 the display and hands its frames to the reader of its layout (`receiver.receiver`).
 """
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -149,53 +150,50 @@ class DisplayReader:
         Args:
             now: time of the newest frame, seconds; infinite where the frames have ended.
         """
-        pairs: list[DecodedPair] = []
         clock = self.sync.clock
         if clock is None:
-            return pairs, None
+            return [], None
         less = PAIR_WORK * self.layout.n_bits
         work = np.inf if np.isinf(now) else max(0.0, WORK_A_FRAME - less)
-        for read in self._source.read(clock, now):
-            pair, message = self._finish_pair(read, self._seen.newest, work)
-            pairs.append(pair)
-            if message is not None:
-                return pairs, message
-        return pairs, None
-
-    def _finish_pair(
-        self, read: ReadPair, time: float, work: float = np.inf
-    ) -> tuple[DecodedPair, Message | None]:
-        """Hand a pair's scores to the collector.
-
-        Args:
-            read: the pair.
-            time: time of the newest frame, seconds.
-            work: units of work after which decoding of the message stops for now.
-        """
-        self.mixed += read.mixed
-        self.decoded += 1
-        with self._timing.stage("collect"):
-            message = self.collector.add(read.soft.scores, read.number, work)
-        progress = self.collector.progress
-        return DecodedPair(read.number, time, read.soft, read.shown, progress), message
+        reads = ((read, self._seen.newest) for read in self._source.read(clock, now))
+        return self._finish_pairs(reads, work)
 
     def _decode_unclocked(self) -> tuple[list[DecodedPair], Message | None]:
         """Decode frames in order, each of one state, which ends where the toggles change level."""
-        pairs: list[DecodedPair] = []
         frames = [
             frame
             for frame in self._seen.after(self._source.read_until)
             if np.isfinite(frame.toggles).any()
         ]
         if not frames:
-            return pairs, None
+            return [], None
         toggles = self._toggles.over_time(np.array([frame.toggles for frame in frames]))
         states = split_by_level(frames, np.nanmean(toggles, axis=1))
-        for number, (first, second) in enumerate(states):
-            shown = States(mean_state(first), mean_state(second), self.layout.message_mask)
-            read = self._pairs.decode(number, shown)
-            pair, message = self._finish_pair(read, first[0].time)
-            pairs.append(pair)
+
+        def reads() -> Iterator[tuple[ReadPair, float]]:
+            for number, (first, second) in enumerate(states):
+                shown = States(mean_state(first), mean_state(second), self.layout.message_mask)
+                yield self._pairs.decode(number, shown), first[0].time
+
+        return self._finish_pairs(reads(), np.inf)
+
+    def _finish_pairs(
+        self, reads: Iterable[tuple[ReadPair, float]], work: float
+    ) -> tuple[list[DecodedPair], Message | None]:
+        """Hand the scores of frame pairs to the collector, one by one, until a message is whole.
+
+        Args:
+            reads: pairs, and the time that counts as that of their decoding, seconds.
+            work: units of work after which decoding of the message stops for now.
+        """
+        pairs: list[DecodedPair] = []
+        for read, time in reads:
+            self.mixed += read.mixed
+            self.decoded += 1
+            with self._timing.stage("collect"):
+                message = self.collector.add(read.soft.scores, read.number, work)
+            progress = self.collector.progress
+            pairs.append(DecodedPair(read.number, time, read.soft, read.shown, progress))
             if message is not None:
                 return pairs, message
         return pairs, None
