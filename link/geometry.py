@@ -328,13 +328,18 @@ def rectify(
         return np.asarray(
             cv2.remap(image, across, down, cv2.INTER_LINEAR, borderMode=border), np.uint8
         )
-    return np.asarray(
-        cv2.warpPerspective(
-            image,
-            H,
-            (width, height),
-            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-            borderMode=cv2.BORDER_REPLICATE,
-        ),
-        np.uint8,
-    )
+    return resampled(image, H, width, height)
+
+
+def resampled(image: Image, H_image_from_frame: ArrayLike, width: int, height: int) -> Image:
+    """Show what lies in an image where a homography puts the pixels of a frame.
+
+    Args:
+        image: an `Image`, whose border goes on beyond it.
+        H_image_from_frame: homography from pixels of the frame to those of the image.
+        width: width of the frame, pixels.
+        height: height of the frame, pixels.
+    """
+    H, how = np.asarray(H_image_from_frame), cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    size, border = (width, height), cv2.BORDER_REPLICATE
+    return np.asarray(cv2.warpPerspective(image, H, size, flags=how, borderMode=border), np.uint8)

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.geometry import homography_from_corners, in_image, transform
+from link.geometry import homography_from_corners, in_image, resampled, transform
 from link.layout import Layout
 from link.ratex import TILES, patch_centres, tile_levels
 from link.robust import reweighted, ridge_solution
@@ -157,17 +157,11 @@ def search_patches(
     level = level_for(corners, width, height, len(pyramid))
     H = homography_from_corners(at_level(corners, level), width, height)
     shift = np.array([[1, 0, -reach_x], [0, 1, -reach_y], [0, 0, 1.0]])
-    seen = cv2.warpPerspective(
-        pyramid[level],
-        H @ shift,
-        (width + 2 * reach_x, height + 2 * reach_y),
-        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-        borderMode=cv2.BORDER_REPLICATE,
-    )
+    view = resampled(pyramid[level], H @ shift, width + 2 * reach_x, height + 2 * reach_y)
     size = TILES * TILE_PX
     found = np.empty((len(layout.ratex), 3))
     for i, ((row, col), template) in enumerate(zip(layout.ratex, _templates(layout), strict=True)):
-        window = seen[
+        window = view[
             row * size : (row + 1) * size + 2 * reach_y, col * size : (col + 1) * size + 2 * reach_x
         ]
         match = cv2.matchTemplate(window, template, cv2.TM_CCOEFF_NORMED)

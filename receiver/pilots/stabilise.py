@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.geometry import resized_homography
+from link.geometry import resampled, resized_homography
 from link.types import Array, Gray, Homography
 
 WIDTH = 640
@@ -143,16 +143,7 @@ class Stabiliser:
         """Shrink a frame and move it onto the reference's copy."""
         small, grow = _small(gray), self._H_image_from_copy
         H = np.linalg.inv(grow) @ H_image_from_reference @ grow
-        return np.asarray(
-            cv2.warpPerspective(
-                small,
-                H,
-                small.shape[::-1],
-                flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-                borderMode=cv2.BORDER_REPLICATE,
-            ),
-            np.uint8,
-        )
+        return resampled(small, H, small.shape[1], small.shape[0])
 
     def on_copy(self, points: Array) -> Array:
         """Move (N, 2) points from the image to the copy."""
