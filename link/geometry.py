@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from link.errors import InputError
+from link.images import averaged_down
 from link.types import Array, Corners, Homography, Image, Map
 
 MIN_AREA_PX = 256.0
@@ -312,15 +313,7 @@ def rectify(
     factor = whole_factor(transform(H, frame_corners(width, height)), width, height)
     if factor >= 2:
         lens = Lens(lens.k, (image.shape[1] / factor, image.shape[0] / factor))
-        rows, cols = image.shape[0] // factor * factor, image.shape[1] // factor * factor
-        image = np.asarray(
-            cv2.resize(
-                image[:rows, :cols],
-                (cols // factor, rows // factor),
-                interpolation=cv2.INTER_AREA,
-            ),
-            np.uint8,
-        )
+        image = averaged_down(image, factor)
         H = np.linalg.inv(resized_homography(factor, factor)) @ H
     if lens.k:
         across, down = lens.seen_at(H, (width, height))

@@ -55,6 +55,17 @@ def as_gray(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     )
 
 
+def averaged_down(image: Image, factor: int) -> Image:
+    """Average squares of pixels; rows and columns beyond the last whole square are left out.
+
+    >>> averaged_down(np.array([[0, 4, 9], [8, 12, 9]], np.uint8), 2).tolist()
+    [[6]]
+    """
+    rows, cols = (side // factor for side in image.shape[:2])
+    whole = image[: rows * factor, : cols * factor]
+    return np.asarray(cv2.resize(whole, (cols, rows), interpolation=cv2.INTER_AREA), np.uint8)
+
+
 def intensity(frame: Image) -> NDArray[np.float32]:
     """Take the luma of an RGB frame, or a gray frame as it is.
 

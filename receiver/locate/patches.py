@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.geometry import homography_from_corners, in_image, resampled, transform
+from link.images import averaged_down
 from link.layout import Layout
 from link.ratex import TILES, patch_centres, tile_levels
 from link.robust import reweighted, ridge_solution
@@ -56,13 +57,7 @@ def image_pyramid(gray: NDArray[np.uint8]) -> Pyramid:
     """Halve a gray image, (H, W) uint8, again and again, until it has about 80 px on a side."""
     levels = [gray]
     while min(levels[-1].shape) >= LEAST_HALVED_PX:
-        height, width = levels[-1].shape
-        even = levels[-1][: height // 2 * 2, : width // 2 * 2]
-        levels.append(
-            np.asarray(
-                cv2.resize(even, (width // 2, height // 2), interpolation=cv2.INTER_AREA), np.uint8
-            )
-        )
+        levels.append(averaged_down(levels[-1], 2))
     return levels
 
 
