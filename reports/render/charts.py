@@ -33,8 +33,13 @@ from models import DECODERS
 P = ParamSpec("P")
 R = TypeVar("R")
 
-INK, MUTED, RULE, PAPER = "#1b1f24", "#5c6670", "#d9dee3", "#ffffff"
-"""Colours of text, of what is less important, of thin lines, and of the page behind them."""
+_STYLE_SHEET = Path(__file__).with_name("report.mplstyle")
+STYLE = matplotlib.rc_params_from_file(_STYLE_SHEET, use_default_template=False)
+"""Settings of matplotlib with which all charts are drawn."""
+INK, MUTED, RULE = (str(STYLE[of]) for of in ("text.color", "axes.edgecolor", "grid.color"))
+"""Colours of text, of what is less important, and of thin lines."""
+PAPER = "#ffffff"
+"""Colour of the page behind them."""
 OF_PAGES = (
     (INK, "currentColor"),
     (MUTED, "var(--muted)"),
@@ -60,32 +65,6 @@ PANEL_IN = (5.0, 3.9)
 """Width and height of a panel with its labels, inches; 72 of the SVG's units are an inch."""
 LEGEND_IN = 1.4
 """Width beside a panel in which its lines are named, inches."""
-STYLE: dict[str, Any] = {
-    "font.size": 11.5,
-    "axes.titlesize": 12,
-    "axes.labelsize": 11.5,
-    "xtick.labelsize": 10.5,
-    "ytick.labelsize": 10.5,
-    "legend.fontsize": 11,
-    "legend.frameon": False,
-    "text.color": INK,
-    "text.parse_math": False,
-    "axes.labelcolor": INK,
-    "axes.titlecolor": INK,
-    "axes.edgecolor": MUTED,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "xtick.color": MUTED,
-    "ytick.color": MUTED,
-    "grid.color": RULE,
-    "grid.linewidth": 0.7,
-    "axes.axisbelow": True,
-    "lines.linewidth": 1.6,
-    "lines.markersize": 6,
-    "svg.hashsalt": "report",
-    "svg.fonttype": "none",
-}
-"""Settings of matplotlib with which all charts are drawn."""
 
 
 def in_style(draw: Callable[P, R]) -> Callable[P, R]:
