@@ -24,23 +24,7 @@ API = "web.package.api"
 """Module that becomes the package."""
 OWN = ("link", "models", "data_gen", "export", "receiver", "sender", "web", "reports", "lab")
 """Names of the checkout's packages, none of which a wheel may install."""
-PROJECT = """\
-[project]
-name = "oorc-receiver"
-version = "{version}"
-description = "Read messages that a display hides in its picture, from camera frames"
-readme = "README.md"
-license = "Apache-2.0"
-license-files = ["LICENSE"]
-requires-python = "{python}"
-dependencies = {requires}
-
-[project.optional-dependencies]
-opencv = {opencv}
-
-[tool.hatch.build.targets.wheel]
-packages = ["oorc_receiver"]
-"""
+PROJECT = Path(__file__).with_name("pyproject.template")
 """The package's pyproject.toml, with names in place of what the checkout's own says. OpenCV is an
 extra, because one of its packages installed over another breaks it for the application."""
 
@@ -56,7 +40,7 @@ def write_wheel(folder: Path) -> Path:
     checkout = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
     needed: list[str] = checkout["dependency-groups"]["receive"]
     opencv = [each for each in needed if each.startswith("opencv")]
-    project = PROJECT.format(
+    project = PROJECT.read_text("utf-8").format(
         version=__version__,
         python=checkout["project"]["requires-python"],
         requires=json.dumps([each for each in needed if each not in opencv]),
