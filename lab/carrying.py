@@ -30,7 +30,6 @@ from link.loop import Loop, LoopStates
 from link.presets import PRESETS
 from models import FILM_GRAPH, shipped_graphs
 from receiver.receiver import Receiver
-from reports.engine.backends import one_thread
 from reports.render.tables import Table
 from reports.score.reliability import scored_information
 from sender.carrying import CARRIED
@@ -104,7 +103,6 @@ def patch_picture(layout: Layout, rng: np.random.Generator) -> NDArray[np.uint8]
 
 def read_patches(shot: PatchFilm) -> dict[str, Any]:
     """Film patches and read them; returns the fields of a `Told`."""
-    one_thread()
     preset = PRESETS[shot.preset]
     layout, rng = preset.layout, np.random.default_rng(zlib.crc32(repr(shot).encode()))
     levels = patch_picture(layout, rng)

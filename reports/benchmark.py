@@ -18,7 +18,7 @@ from data_gen.pairs import PAIRS, TODAY
 from link.layout import make_layout
 from link.presets import PRESETS
 from receiver.sight import StageTimes
-from reports.engine.backends import one_thread, run_tasks
+from reports.engine.backends import run_tasks
 from reports.engine.checked import write_json
 from reports.engine.digest import code_digest
 from reports.engine.methods import Method
@@ -68,7 +68,6 @@ def benchmark_conditions() -> list[Condition]:
 
 def frames_digest(condition: Condition) -> str:
     """First digits of the SHA-256 of the frames of a condition's first observation."""
-    one_thread()
     seen = observe(condition.source, condition.cells[0], 0, False).rectified()
     digest = hashlib.sha256()
     for frame in seen.frames:

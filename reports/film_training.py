@@ -31,7 +31,7 @@ from models.film.window import reads_films
 from models.phi.checkpoint import save_checkpoint, training_settings
 from models.phi.training import Start, check_rate
 from reports.captured.training_set import own_set, windows_of
-from reports.engine.backends import Backend, one_thread, run_tasks
+from reports.engine.backends import Backend, run_tasks
 from reports.engine.checked import write_sealed
 from reports.engine.records import (
     to_line,
@@ -97,7 +97,6 @@ class Recording:
 
     def make(self) -> None:
         """Film, receive, and write the windows."""
-        one_thread()
         write_bytes(self.file, pack_windows(windows_of(film_cuts(self.take, self.seconds))))
 
 

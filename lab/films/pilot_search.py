@@ -38,7 +38,6 @@ from receiver.pilots.search.pilot_search import PilotDisplay, PilotSearch
 from receiver.pilots.search.proposals import PROMISING
 from receiver.pilots.search.watch import Trial
 from receiver.receiver import Receiver
-from reports.engine.backends import one_thread
 from reports.render.tables import Table
 from reports.score.intervals import wilson
 
@@ -167,7 +166,6 @@ class SearchContent:
 
 def search_outcome(take: SearchTake) -> dict[str, Any]:
     """Film a room and look for a display; return the fields of a `SearchOutcome`."""
-    one_thread()
     return asdict(search_film(take))
 
 
@@ -243,7 +241,6 @@ def searched_layouts() -> list[Layout]:
 
 def folder_outcome(folder: str) -> dict[str, Any]:
     """Search and read a film whose frames lie in a folder; the fields of a `SearchOutcome`."""
-    one_thread()
     layout = PRESETS["hidden"].layout  # all presets have its size
     display = frame_corners(layout.width, layout.height)
     truth = [line for _, line in read_json_lines(Path(folder) / TRUTH)]

@@ -29,7 +29,6 @@ from link.code.framing import frames_needed
 from link.errors import at_least, choose, each_once
 from models import FILM_GRAPH, shipped_graphs
 from receiver.receiver import Receiver
-from reports.engine.backends import one_thread
 from reports.render.tables import Table, number, percent, share_interval
 from reports.score.intervals import wilson
 
@@ -150,7 +149,6 @@ def deliver(take: Take) -> dict[str, Any]:
     Returns:
         the fields of a `Delivery`.
     """
-    one_thread()
     filmed, fps = film_message(take), take.settings.fps
     decoder = Decoder(shipped_graphs()[take.settings.layout], 1, OWN_TIME_LIMIT_S)
     receiver = Receiver(decoder, fps, FilmGraph(FILM_GRAPH, 1))

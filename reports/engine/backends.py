@@ -91,6 +91,8 @@ def run_tasks(
 ) -> Iterator[Outcome]:
     """``task(item)`` for each item, in parallel, in the order in which they finish.
 
+    Each task runs with one thread. One that imports torch calls `one_thread` once more after that.
+
     Args:
         task: picklable, and so are items and results. An exception in it becomes the `Outcome`, and
             so does the death of its process.
@@ -129,7 +131,8 @@ def _outcomes(
 
 
 def _attempt(task: Callable[[T], Any], index: int, item: T) -> Outcome:
-    """Run one task; what it raises becomes the outcome."""
+    """Run one task by one thread; what it raises becomes the outcome."""
+    one_thread()
     try:
         return Outcome(index, result=task(item))
     except Exception as error:
