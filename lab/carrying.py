@@ -11,7 +11,6 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,8 +100,8 @@ def patch_picture(layout: Layout, rng: np.random.Generator) -> NDArray[np.uint8]
     return np.kron(order.reshape(PATCHES), np.ones(size)).astype(np.uint8)
 
 
-def read_patches(shot: PatchFilm) -> dict[str, Any]:
-    """Film patches and read them; returns the fields of a `Told`."""
+def read_patches(shot: PatchFilm) -> Told:
+    """Film patches and read them."""
     preset = PRESETS[shot.preset]
     layout, rng = preset.layout, np.random.default_rng(zlib.crc32(repr(shot).encode()))
     levels = patch_picture(layout, rng)
@@ -125,7 +124,7 @@ def read_patches(shot: PatchFilm) -> dict[str, Any]:
         for level in LEVELS:
             here = levels[layout.message_mask] == level
             shares.append(scored_information(told[:, here], sent[:, here]))
-    return {"preset": shot.preset, "pairs": len(scores), "shares": shares}
+    return Told(shot.preset, len(scores), shares)
 
 
 def measure_carrying(flags: CarryingFlags, workshop: Workshop) -> CarryingContent:
@@ -135,8 +134,7 @@ def measure_carrying(flags: CarryingFlags, workshop: Workshop) -> CarryingConten
         for preset, pair, frames in product(flags.presets, pair_names(flags.pairs), FRAMES_A_STATE)
     }
     inputs = [*shipped_graphs().values(), FILM_GRAPH]
-    found = workshop.each(read_patches, shots, inputs)
-    return CarryingContent([Told(**told) for told in found.values()])
+    return CarryingContent(list(workshop.each(read_patches, shots, inputs).values()))
 
 
 def carrying_blocks(results: Mapping[str, Results[CarryingContent]]) -> dict[str, str]:

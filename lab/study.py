@@ -9,10 +9,11 @@ cut off goes on, writes one file of results, and shows it.
 import json
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, is_dataclass
+from functools import partial
 from inspect import getmodule
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, get_type_hints
 
 import pandas as pd
 import tyro
@@ -72,8 +73,8 @@ class Workshop:
     """Processes of this machine, or a Dask cluster."""
 
     def each(
-        self, task: Callable[[T], Any], items: Mapping[str, T], inputs: Sequence[Path] = ()
-    ) -> dict[str, Any]:
+        self, task: Callable[[T], R], items: Mapping[str, T], inputs: Sequence[Path] = ()
+    ) -> dict[str, R]:
         """Run a task for each item whose result is not kept yet.
 
         Results are kept in a file that is named after the code of the task's module and of all that
@@ -81,7 +82,8 @@ class Workshop:
         kept result is the item's name and text, so that other flags find what they share.
 
         Args:
-            task: function of a module that holds little else; it returns what JSON can hold.
+            task: function of a module that holds little else; it returns a dataclass or a plain
+                value that JSON can hold, of the type that its annotation says.
             items: frozen dataclasses or plain values, whose text says all that decides a result, by
                 a name for messages.
             inputs: files on whose content the results depend, such as trained decoders.
@@ -100,11 +102,12 @@ class Workshop:
         keys = {name: f"{name} {short_digest(repr(item))}" for name, item in items.items()}
         named = {keys[name]: item for name, item in items.items()}
         title = task.__name__.replace("_", " ")
-        results, failed = resume(task, named, file, self.backend, title)
+        results, failed = resume(partial(_plain, task), named, file, self.backend, title)
         if failed:
             reasons = "; ".join(f"{name}: {failure.reason}" for name, failure in failed.items())
             raise InputError(f"{title}: {len(failed)} of {len(items)} failed: {reasons}")
-        return {name: results[key] for name, key in keys.items()}
+        kind: type[R] = get_type_hints(task)["return"]
+        return {name: checked(kind, results[key], f"{file}, {name}") for name, key in keys.items()}
 
     def predict(self, conditions: Sequence[Condition], methods: Sequence[Method]) -> pd.DataFrame:
         """Decode every cell of every condition with every method.
@@ -117,6 +120,12 @@ class Workshop:
         """
         name = f"predictions_{short_digest(repr((conditions, methods)))}.jsonl"
         return predict_all(conditions, methods, self.out / name, self.backend)
+
+
+def _plain(task: Callable[[T], Any], item: T) -> Any:
+    """Run a task; a dataclass that it returns becomes an object, as JSON has it."""
+    result = task(item)
+    return asdict(result) if is_dataclass(result) else result  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)

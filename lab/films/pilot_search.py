@@ -12,7 +12,7 @@ for.
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import takewhile
 from math import inf
 from pathlib import Path
@@ -164,11 +164,6 @@ class SearchContent:
     """One entry for each film."""
 
 
-def search_outcome(take: SearchTake) -> dict[str, Any]:
-    """Film a room and look for a display; return the fields of a `SearchOutcome`."""
-    return asdict(search_film(take))
-
-
 def search_film(take: SearchTake) -> SearchOutcome:
     """Film a room and look for a display until one is found."""
     preset, fps = CAMERAS[take.preset]
@@ -239,8 +234,8 @@ def searched_layouts() -> list[Layout]:
     return [preset.layout for preset in PRESETS.values() if preset.layout.pilots]
 
 
-def folder_outcome(folder: str) -> dict[str, Any]:
-    """Search and read a film whose frames lie in a folder; the fields of a `SearchOutcome`."""
+def folder_outcome(folder: str) -> SearchOutcome:
+    """Search and read a film whose frames lie in a folder."""
     layout = PRESETS["hidden"].layout  # all presets have its size
     display = frame_corners(layout.width, layout.height)
     truth = [line for _, line in read_json_lines(Path(folder) / TRUTH)]
@@ -255,7 +250,7 @@ def folder_outcome(folder: str) -> dict[str, Any]:
         if found is not None and receiver.push(image, time).message is not None:
             trace.stages["read"] = time - times[0]
             break
-    outcome = SearchOutcome(
+    return SearchOutcome(
         preset=Path(folder).name,
         seen="display",
         number=0,
@@ -263,7 +258,6 @@ def folder_outcome(folder: str) -> dict[str, Any]:
         right=found is not None,
         **vars(trace),
     )
-    return asdict(outcome)
 
 
 def waited_for(outcome: SearchOutcome) -> str:
@@ -360,8 +354,8 @@ def measure_search(flags: PilotSearchFlags, workshop: Workshop) -> SearchContent
         folders = {str(folder): str(folder) for folder in flags.folders}
         found = workshop.each(folder_outcome, folders, inputs)
     else:
-        found = workshop.each(search_outcome, takes)
-    return SearchContent([SearchOutcome(**fields) for fields in found.values()])
+        found = workshop.each(search_film, takes)
+    return SearchContent(list(found.values()))
 
 
 def search_blocks(results: Mapping[str, Results[SearchContent]]) -> dict[str, str]:

@@ -8,7 +8,7 @@ views can be filmed one after the other.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -143,12 +143,8 @@ class RatesContent:
     """One entry for each setting and view."""
 
 
-def deliver(take: Take) -> dict[str, Any]:
-    """Film until the message comes or the loops are over, and compare what is read with the truth.
-
-    Returns:
-        the fields of a `Delivery`.
-    """
+def deliver(take: Take) -> Delivery:
+    """Film until the message comes or the loops are over, and hold what is read against it."""
     filmed, fps = film_message(take), take.settings.fps
     decoder = Decoder(shipped_graphs()[take.settings.layout], 1, OWN_TIME_LIMIT_S)
     receiver = Receiver(decoder, fps, FilmGraph(FILM_GRAPH, 1))
@@ -167,18 +163,16 @@ def deliver(take: Take) -> dict[str, Any]:
         received = step.message.data if step.message is not None else None
         if frame is None:
             break
-    return asdict(
-        Delivery(
-            pair=take.pair,
-            view_deg=take.view,
-            run=take.run,
-            picture=filmed.picture,
-            delivered=received == filmed.message,
-            wrong=received not in (None, filmed.message),
-            seconds=time,
-            bits=decided,
-            bits_wrong=wrong,
-        )
+    return Delivery(
+        pair=take.pair,
+        view_deg=take.view,
+        run=take.run,
+        picture=filmed.picture,
+        delivered=received == filmed.message,
+        wrong=received not in (None, filmed.message),
+        seconds=time,
+        bits=decided,
+        bits_wrong=wrong,
     )
 
 
@@ -212,8 +206,7 @@ def deliveries(
     ]
     graphs = [shipped_graphs()[settings.layout], FILM_GRAPH]
     found = workshop.each(deliver, {take.name: take for take in takes}, graphs)
-    made = [Delivery(**run) for run in found.values()]
-    return sorted(made, key=lambda run: (run.pair, run.run))
+    return sorted(found.values(), key=lambda run: (run.pair, run.run))
 
 
 ROW_HEADS = (

@@ -37,6 +37,6 @@ def test_the_table_is_of_the_films_that_were_found() -> None:
 
 @pytest.mark.slow
 def test_a_bright_patch_carries_more_than_black() -> None:
-    told = Told(**read_patches(PatchFilm("fast", "canon-lg", 1, 0.6, 0)))
+    told = read_patches(PatchFilm("fast", "canon-lg", 1, 0.6, 0))
     assert told.pairs > 0
     assert told.shares[0] < told.shares[-1] <= 1

@@ -69,7 +69,7 @@ def test_of_a_film_in_a_folder_it_is_told_where_the_time_went(tmp_path: Path) ->
         H = homography_from_corners(quad, HIDDEN.width, HIDDEN.height)
         lines.append(json.dumps({"time_s": number / 30, "H_captured_from_display": H.tolist()}))
     (tmp_path / "truth.jsonl").write_text("\n".join(lines))
-    film = SearchOutcome(**folder_outcome(str(tmp_path)))
+    film = folder_outcome(str(tmp_path))
     assert film.right
     assert list(film.stages) == ["proposed", "weighed", "verified", "found", "read"]
     assert sorted(film.stages.values()) == list(film.stages.values())

@@ -1,8 +1,7 @@
 """How fast presets deliver: what is filmed, and the table."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 from conftest import Command
@@ -72,9 +71,9 @@ def test_a_run_goes_on_with_the_takes_that_are_missing(
 ) -> None:
     taken = []
 
-    def film(take: Take) -> dict[str, Any]:
+    def film(take: Take) -> Delivery:
         taken.append((take.pair, take.view, take.run))
-        return asdict(replace(RUN, pair=take.pair, view_deg=take.view, run=take.run))
+        return replace(RUN, pair=take.pair, view_deg=take.view, run=take.run)
 
     monkeypatch.setattr(rates, "deliver", film)
     flags = ("rates", "--settings", "paper", "--pairs", "canon-lg", "--views", 0, "--jobs", 1)
@@ -89,6 +88,6 @@ def test_a_run_goes_on_with_the_takes_that_are_missing(
 
 @pytest.mark.slow
 def test_a_message_is_delivered_from_a_simulated_film() -> None:
-    run = Delivery(**deliver(Take(FilmSettings(n_bytes=20), "canon-lg", 0.0, 0, 0)))
+    run = deliver(Take(FilmSettings(n_bytes=20), "canon-lg", 0.0, 0, 0))
     assert run.delivered and not run.wrong
     assert run.bits_wrong < 0.05 * run.bits
