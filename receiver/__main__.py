@@ -28,12 +28,11 @@ from models import find_graph
 from receiver.cameras import HIGHEST_FPS, SIZE, CameraFrame
 from receiver.decoders import PairDecoder, WindowDecoder, open_decoders
 from receiver.events import Event, PlacedEvent
-from receiver.receiver import Receiver
 from receiver.seen import SeenFrame
 from receiver.show import draw_decoded_pair
 from receiver.sources import FPS_HELP, open_source
 from receiver.stream import EventStream, pair_event
-from receiver.tracking.two_images import find_in_both
+from receiver.tracking.two_images import decode_in_both, find_in_both
 
 OF_FILMS = ("fps", "camera_size", "camera_fps", "show", "out", "keep_on", "key", "max_age")
 """Flags that have no meaning for two images."""
@@ -117,12 +116,12 @@ def read_two_images(decoders: Sequence[PairDecoder], first: str, second: str) ->
         InputError: an image is unreadable, they are of unlike size, no display is in both, or both
             show one state.
     """
-    receivers = {decoder.layout: Receiver(decoder) for decoder in decoders}
+    by_layout = {decoder.layout: decoder for decoder in decoders}
     frames = [read_image(path) for path in (first, second)]
     check_same_size(frames[0], frames[1])
-    found = find_in_both(frames[0], frames[1], list(receivers))
+    found = find_in_both(frames[0], frames[1], list(by_layout))
     if found is None:
-        sought = ", ".join(preset_name(layout) or "--model" for layout in receivers)
+        sought = ", ".join(preset_name(layout) or "--model" for layout in by_layout)
         raise InputError(
             f"{first}, {second}: no display is in both whose blocks change from one to the other "
             f"({sought} looked for); take one image of each state, from one place"
@@ -131,7 +130,7 @@ def read_two_images(decoders: Sequence[PairDecoder], first: str, second: str) ->
         place: list[list[float]] = corners.round(2).tolist()
         preset = preset_name(found.layout)
         say([PlacedEvent(event="display", image=path, preset=preset, corners=place)])
-    pair = receivers[found.layout].decode_images(frames[0], frames[1], *found.corners)
+    pair = decode_in_both(by_layout[found.layout], frames[0], frames[1], found.corners)
     say([pair_event(pair, scores=True)])
 
 

@@ -12,30 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.code.collect import Message
-from link.errors import InputError, NoDisplayError
-from link.frames import Captured
+from link.errors import InputError
 from link.layout import Layout
 from link.presets import preset_name
-from link.types import Corners, Image
+from link.types import Image
 from receiver.decoders import PairDecoder, WindowDecoder
 from receiver.diagnosis import Observations
 from receiver.reading.reader import DecodedPair, DisplayReader
-from receiver.reading.shown import States
-from receiver.reading.states import DisplayState
 from receiver.repeats import Repeats
-from receiver.seen import MESH, SeenFrame, SeenFrames
+from receiver.seen import SeenFrame, SeenFrames
 from receiver.sight import Sight, StageTimes
 from receiver.tracking.judge import Judge
 from receiver.tracking.patches import Tracker
 from receiver.tracking.pilots import PilotTracker
-from receiver.tracking.two_images import state_change
 
 DisplayTracker = Tracker | PilotTracker
 """Finds a display, and follows it from frame to frame."""
-
-STILL = 2.0
-"""Smallest change of the toggles between two images, in standard errors over patches or pilots, at
-which the images show different states."""
 
 
 @dataclass(frozen=True)
@@ -211,41 +203,6 @@ class Receiver:
             return seen
         self._followed = None
         return None
-
-    def decode_images(
-        self,
-        first: NDArray[np.generic],
-        second: NDArray[np.generic],
-        corners_first: Corners,
-        corners_second: Corners,
-    ) -> DecodedPair:
-        """Decode two images of one frame pair, in either order.
-
-        Args:
-            first: (H, W) or (H, W, 3) uint8 or uint16, encoded RGB, of either state.
-            second: frame of the other state, of the same shape and type.
-            corners_first: pixels of the display in the first image.
-            corners_second: pixels of the display in the second image.
-
-        Raises:
-            InputError: images of unlike size, corners that do not fit, or patches or pilots that do
-                not differ between the images.
-        """
-        frames = [as_uint8(image) for image in (first, second)]
-        captured = Captured(frames[0], frames[1], self.layout, corners_first, corners_second)
-        rectified = captured.rectified()
-        images = [rectified.original, rectified.embedded]
-        change = state_change(images[0], images[1], self.layout)
-        if abs(change) <= STILL:
-            raise NoDisplayError("the two images show the same state; take one of each")
-        original, embedded = images if change > 0 else images[::-1]
-        whole = np.ones((MESH, MESH))
-        shown = States(
-            DisplayState(original, whole, 1),
-            DisplayState(embedded, whole, 1),
-            self.layout.message_mask,
-        )
-        return DecodedPair(0, 0.0, self._reader.decoder.decode(original, embedded), shown, 0.0)
 
     def finish(self) -> ReceiverStep:
         """Decode what is left when the frames have ended; images without a clock by their order."""

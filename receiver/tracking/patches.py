@@ -54,10 +54,9 @@ class Tracker:
 
     def __init__(self, layout: Layout) -> None:
         if not layout.ratex:
-            found = "pilots in place of" if layout.pilots else "no"
             raise InputError(
-                f"the model's layout has {found} ratex patches; a receiver needs patches to find "
-                "and follow the display"
+                "the model's layout has no ratex patches; a receiver needs patches to find and "
+                "follow the display"
             )
         self.layout = layout
         self._follower = Follower(layout)

@@ -1,4 +1,4 @@
-"""Find the display in two photographs, one of each state of a frame pair.
+"""Find and read the display in two photographs, one of each state of a frame pair.
 
 Ratex patches are seen in a single photograph. Pilots show only in what changes between the two, so
 these are looked at by turns, like a film whose states last one frame each. Such a search is as sure
@@ -11,17 +11,28 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from link.errors import InputError, NoDisplayError
+from link.frames import Captured
 from link.layout import Layout
 from link.pilots import pilots_toggled
 from link.ratex import match_patches
 from link.types import Corners, Image
+from receiver.decoders import PairDecoder
 from receiver.locate.find import locate
 from receiver.pilots.search.pilot_search import PilotDisplay, PilotSearch
+from receiver.reading.reader import DecodedPair
+from receiver.reading.shown import States
+from receiver.reading.states import DisplayState
+from receiver.seen import MESH
 from receiver.timing.toggles import patch_toggles
 
 FPS, LOOKS = 30.0, 60
 """Rate at which a film shows the two photographs by turns, and number of its frames after which the
 search ends: displays were found within 40, or not at all."""
+
+STILL = 2.0
+"""Smallest change of the toggles between two images, in standard errors over patches or pilots, at
+which the images show different states."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +76,36 @@ def _by_turns(first: Image, second: Image, layouts: Sequence[Layout]) -> PilotDi
     search = PilotSearch(layouts, FPS)
     looks = (search.push((first, second)[at % 2], at / FPS) for at in range(LOOKS))
     return next((found for found in looks if found is not None), None)
+
+
+def decode_in_both(
+    decoder: PairDecoder, first: Image, second: Image, corners: tuple[Corners, Corners]
+) -> DecodedPair:
+    """Decode two photographs of one frame pair, in either order.
+
+    Args:
+        decoder: decoder of the display's layout.
+        first: an `Image` of either state.
+        second: an `Image` of the other state, of the same shape.
+        corners: pixels of the display in the first and in the second photograph.
+
+    Raises:
+        InputError: images of unlike size, corners that do not fit, or patches or pilots that do
+            not differ between the images.
+    """
+    layout = decoder.layout
+    if not layout.ratex and not layout.pilots:
+        raise InputError("the layout has no ratex patches and no pilots, which tell both states")
+    seen = Captured(first, second, layout, *corners).rectified()
+    change = state_change(seen.original, seen.embedded, layout)
+    if abs(change) <= STILL:
+        raise NoDisplayError("the two images show the same state; take one of each")
+    original, embedded = (seen.original, seen.embedded)[:: 1 if change > 0 else -1]
+    first_state, second_state = (
+        DisplayState(image, np.ones((MESH, MESH)), 1) for image in (original, embedded)
+    )
+    shown = States(first_state, second_state, layout.message_mask)
+    return DecodedPair(0, 0.0, decoder.decode(original, embedded), shown, 0.0)
 
 
 def state_change(first: Image, second: Image, layout: Layout) -> float:

@@ -23,9 +23,8 @@ from link.layout import Layout
 from link.observation import Observation
 from link.outside import is_file, read_json
 from models.film.window import reads_films
-from receiver.receiver import STILL
 from receiver.sources import open_source
-from receiver.tracking.two_images import find_in_both, state_change
+from receiver.tracking.two_images import STILL, find_in_both, state_change
 from reports.captured.receive import Cut, Reception, open_readers, receive_film
 from reports.captured.sent import Sent, read_sent, sent_of
 from reports.captured.truth import Match, match_loop

@@ -29,6 +29,7 @@ from receiver.receiver import Receiver, make_trackers
 from receiver.stream import MAX_PRINTED_BITS, pair_event
 from receiver.tracking.patches import Tracker
 from receiver.tracking.pilots import PilotTracker
+from receiver.tracking.two_images import decode_in_both
 
 PAPER, ROBUST = PRESETS["paper"].layout, PRESETS["robust"].layout
 BARE = make_layout(ratex=0)
@@ -84,7 +85,9 @@ def test_pilots_share_a_tracker_and_patches_have_one_each() -> None:
 def test_two_images_must_show_both_states() -> None:
     first, *_ = filmed(ROBUST, 2, seed=1, hold=1)[0]
     with pytest.raises(InputError, match="the two images show the same state"):
-        receiver_of(ROBUST).decode_images(first, first, CORNERS, CORNERS)
+        decode_in_both(BlockMeans(ROBUST), first, first, (CORNERS, CORNERS))
+    with pytest.raises(InputError, match="no ratex patches and no pilots"):
+        decode_in_both(BlockMeans(BARE), first, first, (CORNERS, CORNERS))
 
 
 # the command

@@ -53,10 +53,9 @@ from receiver.events import (
     RefusedEvent,
 )
 from receiver.newest import Newest
-from receiver.receiver import Receiver as FrameReceiver
 from receiver.receiver import as_uint8
 from receiver.stream import EventStream, pair_event
-from receiver.tracking.two_images import find_in_both
+from receiver.tracking.two_images import decode_in_both, find_in_both
 
 __all__ = [
     "ClockEvent",
@@ -365,7 +364,7 @@ def read_pair(
                 check_corners(points, frames[0].shape)
     with _coded("failed"):
         if place is not None and place_second is not None:
-            pair = FrameReceiver(decoders[0]).decode_images(*frames, place, place_second)
+            pair = decode_in_both(decoders[0], *frames, (place, place_second))
             return pair_event(pair, scores=True)
         by_layout = {decoder.layout: decoder for decoder in decoders}
         found = find_in_both(*frames, list(by_layout))
@@ -374,7 +373,7 @@ def read_pair(
                 "no display is in both frames whose blocks change from one to the other; take one "
                 "frame of each state, from one place, or give corners and model"
             )
-        pair = FrameReceiver(by_layout[found.layout]).decode_images(*frames, *found.corners)
+        pair = decode_in_both(by_layout[found.layout], *frames, found.corners)
         return pair_event(pair, scores=True)
 
 
