@@ -2,14 +2,17 @@
 
 Flat areas and text are where a hidden message shows and where decoding fails, so every drawing
 holds both, and every second theme is built on pure white or pure black.
+What is written on them stands in texts.json.
 
 Convention: positions are fractions of the picture's width and height, (0, 0) at the top left;
 sizes of type and lines are fractions of the smaller of height and 3/4 of the width, which keeps
 a 4:3, a wide and an upright picture equally legible. Colours are (R, G, B) encoded, 0 to 255.
 """
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import cv2
@@ -28,6 +31,7 @@ WHITE: Colour = (255, 255, 255)
 BLACK: Colour = (0, 0, 0)
 """Black of dark pictures and of dark text."""
 
+_TEXTS = json.loads(Path(__file__).with_name("texts.json").read_text("utf-8"))
 _SHIFT = 4  # fractional bits of the coordinates that OpenCV's drawing functions accept
 _CAP_HEIGHT = 21.0  # px height of a capital in OpenCV's fonts at scale 1
 _AROUND = ((-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1))
@@ -131,28 +135,13 @@ _SLIDE_THEMES = (
     _SlideTheme(WHITE, (30, 30, 30), ((176, 32, 48), (60, 60, 60), (190, 160, 110)), (128, 20, 36)),
     _SlideTheme((18, 32, 58), (232, 238, 247), ((64, 196, 180), (255, 138, 101), (149, 165, 205))),
 )
-_SLIDE_TITLES = (
-    "Quarterly results", "Energy use by site", "Visitor survey 2024", "Cycle traffic counts",
-    "Water quality report", "Library loans", "Rainfall and river level",
-)  # fmt: skip
-_TABLE_BULLETS = (
-    "Tickets on board", "No service on Sunday", "Gate 2 is closed", "Bicycles carried free",
-    "Allow ten minutes", "Step-free access", "Wait by the kiosk",
-)  # fmt: skip
-_TABLE_TITLES = ("Next departures", "Shuttle buses today", "Ferry timetable")
-_BULLETS = (
-    "Up 12 % on last year", "Two sites still open", "Costs within budget", "Review due in March",
-    "Survey of 1 840 people", "Next step: field trial", "Weekends are busiest",
-    "Data checked twice", "Three new partners", "Lower than forecast", "Report out on Friday",
-)  # fmt: skip
-_MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun")
-_PLACES = ("Ashby", "Kirkton", "Harbour", "Millbrook", "Airport", "Castle Hill", "Newport")
 
 
 def _bar_chart(canvas: _Canvas, rng: np.random.Generator, theme: _SlideTheme) -> None:
     left, right, top, bottom = 0.54, 0.94, 0.32, 0.80
-    step = (right - left) / len(_MONTHS)
-    for i, month in enumerate(_MONTHS):
+    months = _TEXTS["slides"]["months"]
+    step = (right - left) / len(months)
+    for i, month in enumerate(months):
         x = left + i * step
         for j, accent in enumerate(theme.accents[:2]):
             level = bottom - (bottom - top) * rng.uniform(0.25, 0.98)
@@ -183,7 +172,7 @@ def _table(canvas: _Canvas, rng: np.random.Generator, theme: _SlideTheme) -> Non
     left, right, top, row = 0.50, 0.94, 0.30, 0.088
     canvas.box(left, top, right, top + row, theme.accents[0])
     minute = int(rng.integers(6 * 60, 18 * 60))
-    for i, place in enumerate(["To", *_pick(rng, _PLACES, 5)]):
+    for i, place in enumerate(["To", *_pick(rng, _TEXTS["timetables"]["places"], 5)]):
         y = top + i * row
         ink = theme.paper if i == 0 else theme.ink
         if i and i % 2 == 0:
@@ -202,17 +191,15 @@ def _slide(rng: np.random.Generator, number: int, width: int, height: int) -> ND
     theme = _SLIDE_THEMES[number % len(_SLIDE_THEMES)]
     canvas = _Canvas(width, height, theme.paper)
     chart = _CHARTS[number % len(_CHARTS)]
-    timetable = chart is _table
-    titles: Sequence[str] = _TABLE_TITLES if timetable else _SLIDE_TITLES
-    bullets: Sequence[str] = _TABLE_BULLETS if timetable else _BULLETS
-    title = _pick(rng, titles, 1)[0]
+    texts = _TEXTS["timetables" if chart is _table else "slides"]
+    title = _pick(rng, texts["titles"], 1)[0]
     if theme.header is None:
         canvas.text((0.06, 0.145), title, 0.062, theme.ink, bold=True, room=0.88)
         canvas.box(0.06, 0.19, 0.24, 0.20, theme.accents[0])
     else:
         canvas.box(0.0, 0.0, 1.0, 0.22, theme.header)
         canvas.text((0.06, 0.145), title, 0.062, WHITE, bold=True, room=0.88)
-    for i, bullet in enumerate(_pick(rng, bullets, 4)):
+    for i, bullet in enumerate(_pick(rng, texts["bullets"], 4)):
         y = 0.375 + 0.125 * i
         canvas.disc((0.072, y - 0.016), 0.010, theme.accents[0])
         canvas.text((0.10, y), bullet, 0.033, theme.ink, room=0.37)
@@ -244,9 +231,6 @@ _MAP_THEMES = (
     _MapTheme((30, 34, 42), (40, 46, 56), (30, 62, 48), (16, 42, 76), (66, 74, 88),
               (176, 132, 60), (226, 230, 236), BLACK),
 )  # fmt: skip
-_PARKS = ("Queen's Park", "The Green", "Abbey Field", "Station Gardens", "Elm Wood", "West Common")
-_DISTRICTS = ("Old Town", "Northgate", "Docks", "University", "Market", "Eastfield", "Brewery")
-_RIVERS = ("River Lend", "River Ware", "Mill Beck", "River Tarn")
 
 
 def _map(rng: np.random.Generator, number: int, width: int, height: int) -> NDArray[np.uint8]:
@@ -296,15 +280,15 @@ def _map(rng: np.random.Generator, number: int, width: int, height: int) -> NDAr
         for road in roads:
             canvas.line(road, size, colour)
 
-    for spot, name in zip(spots, _pick(rng, _PARKS, 3), strict=True):
+    for spot, name in zip(spots, _pick(rng, _TEXTS["maps"]["parks"], 3), strict=True):
         label = _mix(theme.park, theme.ink, 0.85)
         canvas.text((spot[0], spot[1]), name, 0.026, label, align="centre", halo=theme.park)
-    places = _pick(rng, _DISTRICTS, 4)
+    places = _pick(rng, _TEXTS["maps"]["districts"], 4)
     about = np.array([(0.44, 0.27), (0.62, 0.66), (0.42, 0.90), (0.86, 0.52)])
     for (x, y), name in zip(about + rng.uniform(-0.03, 0.03, (4, 2)), places, strict=True):
         canvas.text((x, y), name, 0.034, theme.ink, bold=True, align="centre", halo=theme.land)
     where = river[15]
-    name = _pick(rng, _RIVERS, 1)[0]
+    name = _pick(rng, _TEXTS["maps"]["rivers"], 1)[0]
     label = _mix(theme.water, theme.ink, 0.7)
     canvas.text((where[0], where[1] + 0.012), name, 0.026, label, align="centre", halo=theme.water)
     x, y = rng.uniform(0.55, 0.65), rng.uniform(0.40, 0.46)
@@ -325,11 +309,6 @@ def _map(rng: np.random.Generator, number: int, width: int, height: int) -> NDAr
 
 # --- posters ------------------------------------------------------------------------------------
 
-_POSTERS = (
-    ("SUMMER", "Open-air concerts"), ("NIGHT", "Lights on the river"), ("BLUE", "A new exhibition"),
-    ("JAZZ", "Twelve evenings"), ("COAST", "Walks and talks"), ("FORM", "Design fair"),
-    ("WINTER", "Markets and music"), ("ORBIT", "The planetarium"),
-)  # fmt: skip
 _SKIES: tuple[tuple[Colour, Colour, Colour], ...] = (  # top, horizon, sun
     ((24, 36, 92), (246, 150, 110), (255, 214, 120)),
     ((8, 74, 110), (166, 220, 214), (255, 255, 255)),
@@ -348,7 +327,7 @@ def _dates(rng: np.random.Generator) -> str:
     return f"{day}-{day + int(rng.integers(2, 10))} {month}"
 
 
-def _landscape_poster(canvas: _Canvas, rng: np.random.Generator, words: tuple[str, str]) -> None:
+def _landscape_poster(canvas: _Canvas, rng: np.random.Generator, words: Sequence[str]) -> None:
     """Draw a gradient sky, the sun, hills, and a black or white strip of small print."""
     top, horizon, sun = _SKIES[int(rng.integers(len(_SKIES)))]
     canvas.ramp(0.0, 0.84, top, horizon)
@@ -367,7 +346,7 @@ def _landscape_poster(canvas: _Canvas, rng: np.random.Generator, words: tuple[st
     canvas.text((0.94, 0.940), "Admission free", 0.030, ink, align="right", room=0.40)
 
 
-def _flat_poster(canvas: _Canvas, rng: np.random.Generator, words: tuple[str, str]) -> None:
+def _flat_poster(canvas: _Canvas, rng: np.random.Generator, words: Sequence[str]) -> None:
     """Draw discs, bars and triangles in flat colours, and big type."""
     paper, *shapes = _FLATS[int(rng.integers(len(_FLATS)))]
     canvas.box(0.0, 0.0, 1.0, 1.0, paper)
@@ -389,7 +368,8 @@ def _flat_poster(canvas: _Canvas, rng: np.random.Generator, words: tuple[str, st
 def _poster(rng: np.random.Generator, number: int, width: int, height: int) -> NDArray[np.uint8]:
     """Draw big type over a landscape or over flat shapes."""
     canvas = _Canvas(width, height, WHITE)
-    words = _POSTERS[int(rng.integers(len(_POSTERS)))]
+    events = _TEXTS["posters"]["events"]
+    words = events[int(rng.integers(len(events)))]
     (_landscape_poster, _flat_poster)[number % 2](canvas, rng, words)
     return canvas.rgb
 

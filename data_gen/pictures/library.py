@@ -1,9 +1,11 @@
 """The pictures that the display shows: photographs, generated slides, and the user's own.
 
 The photographs ship inside the scikit-image and scikit-learn wheels, so nothing is downloaded.
-A photograph belongs to one split only; the crops taken from it never cross over.
+A photograph belongs to one split only; the crops taken from it never cross over. built_in.json
+lists what each split has, drawings by the first of their numbers and the one after the last.
 """
 
+import json
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -48,33 +50,7 @@ class _Crop:
     """Share of the free height above the window, in [0, 1]."""
 
 
-_PHOTOS: dict[str, dict[str, tuple[_Crop, ...]]] = {
-    "train": {
-        "skimage/data/chelsea.png": (_Crop(), _Crop(0.7, 0.45, 0.0)),
-        "skimage/data/motorcycle_left.png": (_Crop(), _Crop(0.7, 0.0, 0.55)),
-        "sklearn/datasets/images/flower.jpg": (_Crop(), _Crop(0.7, 0.6, 0.4)),
-        "skimage/data/retina.jpg": (_Crop(), _Crop(0.65, 0.1, 0.5)),
-        "skimage/data/brick.png": (_Crop(),),
-        "skimage/data/color.png": (_Crop(),),
-        "skimage/data/grass.png": (_Crop(),),
-        "skimage/data/moon.png": (_Crop(),),
-    },
-    "test": {
-        "skimage/data/astronaut.png": (_Crop(y=0.0),),
-        "skimage/data/camera.png": (_Crop(y=0.3),),
-        "sklearn/datasets/images/china.jpg": (_Crop(),),
-        "skimage/data/coffee.png": (_Crop(),),
-        "skimage/data/coins.png": (_Crop(),),
-        "skimage/data/gravel.png": (_Crop(),),
-        "skimage/data/hubble_deep_field.jpg": (_Crop(),),
-        "skimage/data/ihc.png": (_Crop(),),
-        "skimage/data/rocket.jpg": (_Crop(),),
-    },
-}
-_DRAWN: dict[str, dict[str, range]] = {
-    "train": {"slide": range(0, 4), "map": range(0, 2), "poster": range(0, 2)},
-    "test": {"slide": range(4, 6), "map": range(2, 4), "poster": range(2, 4)},
-}
+_BUILT_IN = json.loads(Path(__file__).with_name("built_in.json").read_text("utf-8"))
 
 
 def load_pictures(split: str, width: int, height: int) -> list[Picture]:
@@ -97,17 +73,17 @@ def load_pictures(split: str, width: int, height: int) -> list[Picture]:
         InputError: an unknown split, a width or height below 16, or a photograph that the
             installed scikit-image or scikit-learn does not hold.
     """
-    photos = choose(_PHOTOS, split, "split")
+    chosen = choose(_BUILT_IN, split, "split")
     _check_size(width, height)
     pictures = []
-    for resource, crops in photos.items():
+    for resource, crops in chosen["photographs"].items():
         path = _installed(resource)
         source = read_image(path)
         for i, crop in enumerate(crops):
-            rgb = _crop_and_resize(source, width, height, crop)
+            rgb = _crop_and_resize(source, width, height, _Crop(**crop))
             pictures.append(Picture(f"photo/{path.stem}/{i}", rgb))
-    for kind, numbers in _DRAWN[split].items():
-        for number in numbers:
+    for kind, (first, end) in chosen["drawings"].items():
+        for number in range(first, end):
             pictures.append(Picture(f"{kind}/{number}", draw_picture(kind, number, width, height)))
     return pictures
 
