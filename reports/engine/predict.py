@@ -13,7 +13,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import singledispatch
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import pandas as pd
 
@@ -63,7 +63,9 @@ class Condition:
     name: str
     """Name that tells conditions of a study apart; "" where there is only one."""
     source: Any
-    """An `ObservationSource`: pictures, seed, and the channel as it is set."""
+    """Pictures, seed, and the channel as it is set; `observe` knows how each kind makes
+    observations. It has the ``layout`` of the displayed pictures and, unless it is an `Entry`, as
+    ``pictures`` the folder of the user's own ones, or None."""
     cells: tuple[Any, ...]
     """Camera-display pairs, views and kappas that are decoded: `Cell`s of a simulation, or the one
     `Entry` of a folder of captures that is the source, too."""
@@ -280,18 +282,6 @@ def decode_cell(task: Task) -> Decoded:
                 line |= place | {"condition": condition.name, "mark": task.marks[method.label]}
                 lines.append(line)
     return lines, unsuited
-
-
-class ObservationSource(Protocol):
-    """Source of observations; `observe` knows how each kind makes them."""
-
-    @property
-    def layout(self) -> Layout:
-        """Layout of the displayed pictures."""
-
-    @property
-    def pictures(self) -> Path | None:
-        """Folder of the user's own pictures, in place of the built-in ones."""
 
 
 @singledispatch
