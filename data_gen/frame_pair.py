@@ -52,8 +52,6 @@ class Source:
     """Seed of every random draw."""
     pictures: Path | None = None
     """Folder or video of the user's own pictures, in place of the built-in ones of the split."""
-    ratex_kappa: int | None = None
-    """Number of gray levels by which ratex patches toggle; None for the message's kappa."""
     without: tuple[str, ...] = ()
     """Names of the effects in `effects.EFFECTS` that are switched off."""
     parameters: tuple[tuple[str, Any], ...] = ()
@@ -137,8 +135,6 @@ class FramePair:
     equalised: bool = False
     """Whether the equalised picture is shown without ratex patches, as the method hidden_ratex
     wants it; pose, exposure and motion are those of the same index with patches."""
-    message: tuple[int, ...] | None = None
-    """Bits, 0 or 1, that are sent in place of the drawn ones; they change no other draw."""
 
     @property
     def layout(self) -> Layout:
@@ -154,16 +150,15 @@ class FramePair:
     @cached_property
     def displayed(self) -> Displayed:
         """Both frames as the display shows them; where it is upright, they lie as the grid does."""
-        drawn = self._generators()[0].integers(0, 2, self.layout.n_bits)
+        bits = self._generators()[0].integers(0, 2, self.layout.n_bits)
         source, placement = self.source, self.source.placement
         picture = placement.grid_frame(self.picture.rgb, self.layout)
         layout = placement.layout(self.layout)
         return embed(
             equalise(picture) if self.equalised else picture,
-            drawn if self.message is None else np.array(self.message),
+            bits,
             layout,
             self.cell.kappa,
-            source.ratex_kappa,
             steps=block_steps(picture, layout) if source.even else None,
         )
 

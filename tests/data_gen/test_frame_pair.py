@@ -135,20 +135,13 @@ def test_parameters_are_set_after_effects_are_switched_off() -> None:
 @cases(
     Source(SMALL, without=("noise",)),
     Source(SMALL, parameters=(("jpeg_quality", 60),)),
-    Source(SMALL, ratex_kappa=12),
-    ids=["without", "parameters", "ratex_kappa"],
+    ids=["without", "parameters"],
 )
 def test_a_changed_channel_keeps_the_draws_and_changes_the_frames(other: Source) -> None:
     usual, changed = (filmed(source, FRONTAL, 0) for source in (Source(SMALL), other))
     assert not np.array_equal(usual.embedded, changed.embedded)
     assert np.array_equal(usual.bits, changed.bits)
     assert np.array_equal(usual.corners, changed.corners)
-
-
-def test_kappa_of_the_ratex_patches_reaches_the_receiver() -> None:
-    captured = FramePair(Source(SMALL, ratex_kappa=12), FRONTAL, 0).captured
-    assert (captured.kappa, captured.ratex_kappa) == (5, 12)
-    assert captured.rectified().ratex_toggle == 12
 
 
 # Pictures of a source
