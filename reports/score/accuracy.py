@@ -53,8 +53,7 @@ def score(records: pd.DataFrame, *, in_paper: bool = True) -> pd.DataFrame:
     ).reset_index()
     table["accuracy"] = (table["correct"] / table["bits"].where(table["bits"] > 0)).astype(float)
     intervals = [wilson(*row) for row in zip(table["correct"], table["bits"], strict=True)]
-    table["ci_low"] = [low for low, _ in intervals]
-    table["ci_high"] = [high for _, high in intervals]
+    table[["ci_low", "ci_high"]] = np.reshape(intervals, (-1, 2))
     table["paper"] = _printed(table) if in_paper else float("nan")
     return table[SCORES]
 
@@ -77,8 +76,7 @@ def pool(scores: pd.DataFrame, by: Sequence[str] = ("method",)) -> pd.DataFrame:
     table["accuracy"] = (table["correct"] / table["bits"].where(table["bits"] > 0)).astype(float)
     counts = table[["frames", "bits", "correct", "correct_squared"]].itertuples(index=False)
     intervals = [clustered_interval(*row) for row in counts]
-    table["low"] = [low for low, _ in intervals]
-    table["high"] = [high for _, high in intervals]
+    table[["low", "high"]] = np.reshape(intervals, (-1, 2))
     table["paper"] = groups["paper"].agg(lambda cells: cells.mean(skipna=False)).to_numpy()
     return table.drop(columns="correct_squared")
 
