@@ -1,9 +1,11 @@
 """A decoder that is compared, with its options."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field, is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
+
+from pydantic import PydanticUserError, TypeAdapter, ValidationError
 
 from link.errors import InputError, choose, each_once
 from link.frames import SoftBits
@@ -11,9 +13,6 @@ from link.layout import Layout
 from link.observation import Observation
 from models import BlockDecoder, Card, find_card, make_decoder
 from models.pairwise import decode_by_pairs
-
-SWITCH = {"true": True, "false": False}
-"""Values of an option that is on or off."""
 
 
 @dataclass(frozen=True)
@@ -94,18 +93,14 @@ def _with_options(text: str) -> tuple[str, tuple[tuple[str, Any], ...]]:
     if not colon or "=" not in settings:
         return text, ()
     decoder = make_decoder(name)
-    names: list[str] = [each.name for each in fields(decoder)] if is_dataclass(decoder) else []
+    kinds: dict[str, Any] = get_type_hints(type(decoder)) if is_dataclass(decoder) else {}
     options = []
     for setting in settings.split(","):
         key, _, value = setting.partition("=")
-        usual = getattr(
-            decoder, choose(dict(zip(names, names, strict=True)), key, f"option of {name}")
-        )
-        if not isinstance(usual, (bool, int, float, str, type(None))):
-            raise InputError(f"method {text!r}: {key} cannot be set by its name and value")
-        kind = {bool: bool, int: int, float: float}.get(type(usual), str)
+        kind = choose(kinds, key, f"option of {name}")
         try:
-            options.append((key, SWITCH[value.lower()] if kind is bool else kind(value)))
-        except (ValueError, KeyError):
-            raise InputError(f"method {text!r}: {key} needs a {kind.__name__}") from None
+            options.append((key, TypeAdapter(kind).validate_strings(value)))
+        except (PydanticUserError, ValidationError) as error:
+            why = error.errors()[0]["msg"] if isinstance(error, ValidationError) else "no text can"
+            raise InputError(f"method {text!r}: {key} cannot be {value!r}: {why}") from None
     return name, tuple(options)

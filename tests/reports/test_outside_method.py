@@ -83,14 +83,16 @@ def test_options_stand_behind_the_name() -> None:
     assert (fitted.name, fitted.options, fitted.label) == ("oorc", (("C", 0.1),), "oorc:C=0.1")
     assert linear.options == (("degree", 4), ("smooth", False))
     fitted.build()
+    (fixed,) = methods_for(["naive:threshold=3"])
+    assert fixed.options == (("threshold", 3.0),)  # which is None where nobody sets it
 
 
 @pytest.mark.parametrize(
     ("name", "words"),
     [
         ("oorc:D=1", "option of oorc"),
-        ("oorc:C=much", "C needs a float"),
-        ("phi:config=1", "cannot be set"),
+        ("oorc:C=much", "C cannot be 'much'"),
+        ("phi:config=1", "config cannot be '1'"),
         ("nothing:C=1", "method"),
     ],
 )
