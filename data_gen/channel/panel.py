@@ -9,7 +9,6 @@ on the display, as linear light, before a camera's optics see it.
 Left out: variable refresh, local dimming, overdrive, and dither finer than a pixel of the picture.
 """
 
-from collections import OrderedDict
 from collections.abc import Callable
 from functools import lru_cache
 
@@ -69,7 +68,7 @@ class Panel:
         self.points = np.stack(np.meshgrid(x, y), axis=-1)
         """Points of the display, (h, w, 2) as x and y in pixels, at which shares are computed."""
         self._written = self._writing_times()
-        self._shown: OrderedDict[tuple[int, int], tuple[Light, NDArray[np.uint8]]] = OrderedDict()
+        self._kept = lru_cache(KEPT_LIGHTS)(self._lit)
 
     def exposed(self, opens: Times, shutter_s: float) -> tuple[Light, dict[int, float]]:
         """Return the mean light during an exposure, and the share of each state in it.
@@ -146,17 +145,14 @@ class Panel:
     def _picture(self, refresh: int) -> tuple[Light, NDArray[np.uint8]]:
         """Return the light of what a refresh shows, and its green levels, kept or made anew."""
         turn = refresh % len(DITHER_ORDER) if self._display.frc_bits else 0
-        key = self._state_number(refresh), turn
-        if key not in self._shown:
-            picture = as_rgb(self._state_of(key[0]))
-            if self._display.frc_bits:
-                picture = dithered(picture, self._display.frc_bits, turn)
-            green = np.ascontiguousarray(picture[:, :, 1])
-            self._shown[key] = self._light_of(picture), green
-        self._shown.move_to_end(key)
-        if len(self._shown) > KEPT_LIGHTS:
-            self._shown.popitem(last=False)
-        return self._shown[key]
+        return self._kept(self._state_number(refresh), turn)
+
+    def _lit(self, state: int, turn: int) -> tuple[Light, NDArray[np.uint8]]:
+        """Make the light and the green levels of a state in one of the turns of the dither."""
+        picture = as_rgb(self._state_of(state))
+        if self._display.frc_bits:
+            picture = dithered(picture, self._display.frc_bits, turn)
+        return self._light_of(picture), np.ascontiguousarray(picture[:, :, 1])
 
 
 def dithered(picture: NDArray[np.uint8], bits: int, turn: int) -> NDArray[np.uint8]:
