@@ -83,19 +83,6 @@ def fit_svm(features: Real, labels: NDArray[np.intp], C: float) -> NDArray[np.fl
     return np.append(svm.coef_[0] / scale, svm.intercept_[0])
 
 
-def decode_with_threshold(pair: Observation, difference: Real, threshold: float) -> SoftBits:
-    """Score every message block by its difference above a threshold that was fixed beforehand.
-
-    Args:
-        pair: rectified frames, for their layout.
-        difference: (H, W) difference of the frames, larger where a bit is 1.
-        threshold: threshold, in units of the difference.
-    """
-    layout = pair.layout
-    blocks = block_mean(difference - threshold, layout.rows, layout.cols)
-    return SoftBits(np.asarray(blocks[layout.message_mask], np.float64))
-
-
 def decode_with_svm(pair: Observation, features: Features, C: float) -> SoftBits:
     """Train an SVM on the ratex pixels or pilots of a frame pair and score its message blocks.
 
@@ -116,3 +103,25 @@ def decode_with_svm(pair: Observation, features: Features, C: float) -> SoftBits
     scores = maps @ head[:-1] + head[-1]
     blocks = block_mean(scores, pair.layout.rows, pair.layout.cols)[pair.layout.message_mask]
     return SoftBits(np.asarray(blocks, np.float64), head)
+
+
+def decode_by_difference(
+    pair: Observation, g: Callable[[Real], Real], threshold: float | None, C: float
+) -> SoftBits:
+    """Score every message block by one feature, the difference g(i_e) - g(i_o).
+
+    Args:
+        pair: rectified frames.
+        g: inverse response, from captured intensities in [0, 1].
+        threshold: difference, in units of g, above which a bit is 1; None where an SVM learns it on
+            the ratex pixels or pilots of the frame pair.
+        C: weight of the SVM's squared hinge loss.
+
+    Raises:
+        UnsuitedError: the layout has neither ratex patches nor pilots to learn a threshold on.
+    """
+    if threshold is None:
+        return decode_with_svm(pair, lambda i_o, i_e: np.asarray(g(i_e) - g(i_o))[..., None], C)
+    difference = g(intensity(pair.embedded)) - g(intensity(pair.original))
+    blocks = block_mean(difference - threshold, pair.layout.rows, pair.layout.cols)
+    return SoftBits(np.asarray(blocks[pair.layout.message_mask], np.float64))

@@ -3,15 +3,8 @@
 from dataclasses import dataclass
 
 from link.frames import SoftBits
-from link.images import intensity
 from link.observation import Observation
-from link.types import Real
-from models.paper.common import decode_with_svm, decode_with_threshold
-
-
-def difference(i_o: Real, i_e: Real) -> Real:
-    """Compute the one feature u = [i_e - i_o], with the shape (..., 1)."""
-    return (i_e - i_o)[..., None]
+from models.paper.common import decode_by_difference
 
 
 @dataclass(frozen=True)
@@ -30,7 +23,5 @@ class Naive:
         Raises:
             UnsuitedError: the layout has neither ratex patches nor pilots to learn a threshold on.
         """
-        if self.threshold is not None:
-            change = intensity(pair.embedded) - intensity(pair.original)
-            return decode_with_threshold(pair, change, self.threshold / 255)
-        return decode_with_svm(pair, difference, self.C)
+        threshold = None if self.threshold is None else self.threshold / 255
+        return decode_by_difference(pair, lambda i: i, threshold, self.C)

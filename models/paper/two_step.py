@@ -13,8 +13,7 @@ from link.frames import SoftBits
 from link.images import intensity
 from link.observation import Observation
 from link.ratex import TrainingPixels
-from link.types import Real
-from models.paper.common import decode_with_svm, decode_with_threshold, require_ratex
+from models.paper.common import decode_by_difference, require_ratex
 
 
 def fit_inverse_response(pair: Observation, pixels: TrainingPixels, degree: int) -> Legendre:
@@ -57,13 +56,5 @@ class TwoStep:
         Raises:
             UnsuitedError: the layout has no ratex patch, or kappa is not known.
         """
-        pixels = require_ratex(pair)
-        g = fit_inverse_response(pair, pixels, self.degree)
-        if self.threshold is not None:
-            change = g(intensity(pair.embedded)) - g(intensity(pair.original))
-            return decode_with_threshold(pair, change, self.threshold)
-
-        def calibrated_difference(i_o: Real, i_e: Real) -> Real:
-            return np.asarray(g(i_e) - g(i_o))[..., None]
-
-        return decode_with_svm(pair, calibrated_difference, self.C)
+        g = fit_inverse_response(pair, require_ratex(pair), self.degree)
+        return decode_by_difference(pair, g, self.threshold, self.C)
