@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from link.code.scrambled import splitmix64
 from link.errors import InputError, ParameterError, at_least, choose
+from link.geometry import frame_corners
 from link.outside import read_json
 from link.pilot_code import PLAIN, PilotCode
+from link.types import Corners
 
 MIN_BLOCK_PX = 4
 """Smallest width and height of a block, in pixels of the displayed frame."""
@@ -139,6 +141,11 @@ class Layout:
     def change_of_bits(self) -> tuple[int, int]:
         """Change of a block between the two states for bit 0 and for bit 1, in units of kappa."""
         return MODULATIONS[self.modulation]
+
+    @property
+    def corners(self) -> Corners:
+        """Outer corners of the frame, (4, 2) pixels, in the order of `link.geometry`."""
+        return frame_corners(self.width, self.height)
 
     def resized(self, width: int, height: int) -> "Layout":
         """Lay the same grid over a frame of another size.

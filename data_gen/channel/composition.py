@@ -174,8 +174,7 @@ class Shot:
         view, (width, height) = self.viewpoint, self.viewpoint.size
         if not view.surroundings:
             return 0, 0, width, height
-        outline = frame_corners(view.layout.width, view.layout.height)
-        points = transform(self.H_captured_from_display, outline)
+        points = transform(self.H_captured_from_display, view.layout.corners)
         reach = 2 + BLUR_REACH * view.pair.camera.blur_px
         left, top = np.clip(np.floor(points.min(axis=0) - reach), 0, [width, height]).astype(int)
         right, bottom = np.clip(np.ceil(points.max(axis=0) + reach), 0, [width, height]).astype(int)

@@ -17,7 +17,7 @@ from data_gen.channel.optics import (
 )
 from data_gen.parameters import Pair
 from link.frames import Captured, Displayed
-from link.geometry import frame_corners, resized_homography, transform
+from link.geometry import resized_homography, transform
 from link.layout import Layout
 
 
@@ -103,9 +103,7 @@ def capture_through(
             shots, (displayed.original, displayed.embedded), rng.spawn(2), strict=True
         )
     )
-    corners = transform(
-        shots[0].H_captured_from_display, frame_corners(layout.width, layout.height)
-    )
+    corners = transform(shots[0].H_captured_from_display, layout.corners)
     corners += pair.setup.corner_px * rng.standard_normal((4, 2))
     corners = np.clip(corners, -0.5, np.array(original.shape[1::-1]) - 0.5)
     return Captured(

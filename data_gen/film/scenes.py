@@ -28,7 +28,7 @@ from data_gen.film.rooms import DESK_Y, HAZE_ROOM, ROOMS, RoomCanvas, RoomPainte
 from data_gen.parameters import Pair
 from data_gen.pictures.library import Picture
 from link.errors import InputError, ParameterError, at_least, choose, in_range
-from link.geometry import frame_corners, transform
+from link.geometry import transform
 from link.images import pixel_limit
 from link.layout import Layout
 from link.types import Homography
@@ -156,8 +156,7 @@ class Scene:
     @property
     def corners(self) -> NDArray[np.float64]:
         """Corners of the picture, (4, 2) captured pixels, in the order of `link.geometry`."""
-        shape = frame_corners(self.layout.width, self.layout.height)
-        return transform(self.H_captured_from_display, shape)
+        return transform(self.H_captured_from_display, self.layout.corners)
 
     @property
     def coverage(self) -> float:
@@ -305,11 +304,10 @@ def aim_camera(
     )
     size = np.array(settings.size)
     focal = max(size) / 2 / np.tan(field / 2)
-    shape = frame_corners(layout.width, layout.height)
     plane = plane_from_display(layout.width, layout.height)
 
     def corners(camera: NDArray[np.float64]) -> NDArray[np.float64]:
-        return transform(camera[:, [0, 1, 3]] @ plane, shape)
+        return transform(camera[:, [0, 1, 3]] @ plane, layout.corners)
 
     def whole(points: NDArray[np.float64]) -> bool:
         return bool(

@@ -24,7 +24,7 @@ from data_gen.film.scenes import Scene, SceneSettings, draw_scene
 from data_gen.film.shake import ExposureDrift, Hand, Wander
 from data_gen.parameters import Pair
 from link.errors import ParameterError, in_range
-from link.geometry import frame_corners, transform
+from link.geometry import transform
 from link.layout import Layout
 
 
@@ -258,7 +258,6 @@ class _Stream:
         if shutter_shift is not None:
             exposure = blur_by_motion(exposure, shutter_shift)
         H = shot.H_captured_from_display
-        points = transform(H, frame_corners(scene.layout.width, scene.layout.height))
         return VideoFrame(
             rgb=shot.develop(exposure, self.noise_rng),
             number=number,
@@ -266,7 +265,7 @@ class _Stream:
             display_s=opens,
             H_captured_from_display=H,
             states=shares,
-            visible=lies_within(points, scene.size),
+            visible=lies_within(transform(H, scene.layout.corners), scene.size),
             duplicate=False,
         )
 

@@ -26,7 +26,7 @@ from data_gen.pairs import GROUPS, pair_names
 from data_gen.video import TRUTH
 from lab.study import Results, Study, StudyFlags, Workshop
 from link.errors import ParameterError, at_least, choose
-from link.geometry import frame_corners, transform
+from link.geometry import transform
 from link.images import image_files
 from link.images.files import read_image
 from link.layout import Layout
@@ -173,9 +173,8 @@ def search_film(take: SearchTake) -> SearchOutcome:
     kind = list(CAMERAS).index(take.preset), list(SEEN).index(take.seen)
     view = float(np.random.default_rng([take.seed, *kind, take.number]).uniform(0, MAX_VIEW_DEG))
     layout = settings.layout
-    display = frame_corners(layout.width, layout.height)
     filmed = (
-        (frame.rgb, frame.time_s, transform(frame.H_captured_from_display, display))
+        (frame.rgb, frame.time_s, transform(frame.H_captured_from_display, layout.corners))
         for frame in film_message(Take(settings, take.pair, view, take.number, take.seed)).frames
     )
     seen = takewhile(lambda frame: frame[1] < take.seconds, filmed)
@@ -236,8 +235,7 @@ def searched_layouts() -> list[Layout]:
 
 def folder_outcome(folder: str) -> SearchOutcome:
     """Search and read a film whose frames lie in a folder."""
-    layout = PRESETS["hidden"].layout  # all presets have its size
-    display = frame_corners(layout.width, layout.height)
+    display = PRESETS["hidden"].layout.corners  # all presets have its size
     truth = [line for _, line in read_json_lines(Path(folder) / TRUTH)]
     times = [float(line["time_s"]) for line in truth]
     corners = [transform(np.array(line["H_captured_from_display"]), display) for line in truth]

@@ -16,7 +16,6 @@ from export.film_graph import FilmGraph
 from export.runtime import OWN_TIME_LIMIT_S, Decoder
 from link.captures import KnownWindow
 from link.frames import Captured, SoftBits
-from link.geometry import frame_corners
 from link.layout import Layout
 from link.observation import Observation
 from link.types import Array, Image
@@ -99,7 +98,7 @@ class Cut:
 def _still(layout: Layout, pair: DecodedPair, bits: NDArray[np.integer]) -> Captured:
     """Make a capture of a frame pair; bits of blocks that its frames mix or miss are unknown."""
     seen = trust_of_purity(pair.shown.purity) > 0
-    whole = frame_corners(layout.width, layout.height)
+    whole = layout.corners
     meta: dict[str, object] = {"time_s": round(pair.time, 3)}
     return Captured(*pair.shown.images, layout, whole, whole, np.where(seen, bits, -1), meta=meta)
 
@@ -113,7 +112,7 @@ def pair_of_window(window: KnownWindow, number: int) -> Captured:
     """
     original, embedded, _ = compose_pair(window.observation, number)
     layout, bits = window.layout, np.asarray(window.bits[number], np.intp)
-    whole = frame_corners(layout.width, layout.height)
+    whole = layout.corners
     return Captured(original, embedded, layout, whole, whole, bits, window.kappa, meta=window.meta)
 
 
