@@ -67,9 +67,7 @@ def with_bar(items: Iterator[T], count: int, unit: str) -> Iterator[T]:
     yield from tqdm(items, None, count, False, unit=unit, disable=None, delay=BAR_AFTER_S)
 
 
-def write_player(
-    path: Path, loop: Loop, state_hz: float, flickers: Mapping[float, str] | None = None
-) -> None:
+def write_player(path: Path, loop: Loop, state_hz: float, flickers: Mapping[float, str]) -> None:
     """Write the player, one HTML file that needs no other.
 
     Args:
@@ -79,13 +77,12 @@ def write_player(
             display that it meets as do not make it slower, at least one, and says so if the rate
             is another.
         flickers: by states a second "seen" or "flashes", of which the page warns before it plays at
-            such a rate, or "" for neither, as `sender.hiding.Hiding.flickers` says it; None where
-            nothing is to be warned of.
+            such a rate, or "" for neither, as `sender.hiding.Hiding.flickers` says it.
 
     Raises:
         InputError: more pixels than a browser can be asked to hold, or the file is not writable.
     """
-    _write_page(path, player_page(loop, state_hz, flickers or {}))
+    _write_page(path, player_page(loop, state_hz, flickers))
 
 
 def player_page(loop: Loop, state_hz: float, flickers: Mapping[float, str]) -> dict[str, Any]:
@@ -128,7 +125,7 @@ def player_page(loop: Loop, state_hz: float, flickers: Mapping[float, str]) -> d
 
 
 def write_film_player(
-    path: Path, loop: Loop, film: Path, state_hz: float, flickers: Mapping[float, str] | None = None
+    path: Path, loop: Loop, film: Path, state_hz: float, flickers: Mapping[float, str]
 ) -> None:
     """Write the player of a film, which works out all states from the film as it plays.
 
@@ -172,7 +169,7 @@ def write_film_player(
         page["parts"] = _write_parts(path, film)
     bits = [(ord("0") + each.bits).tobytes().decode() for each in loop.carriers()]
     more = {"bits": bits, "pictures": [], "steps": [None], "shown": [0] * len(bits)}
-    _write_page(path, _page(loop, rule, state_hz, flickers or {}, {**more, "film": page}))
+    _write_page(path, _page(loop, rule, state_hz, flickers, {**more, "film": page}))
 
 
 def window_of(width: int, height: int, placement: Placement) -> tuple[int, int, int, int]:

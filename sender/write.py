@@ -64,7 +64,7 @@ def write_loop(
     state_hz: float,
     film: Path | None = None,
     *,
-    flickers: Mapping[float, str] | None = None,
+    flickers: Mapping[float, str],
     more: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Write a loop to a file or folder.

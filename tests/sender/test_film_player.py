@@ -87,7 +87,7 @@ def test_states_over_a_films_pictures_are_those_of_python(
     """Of a film of the size ``given``, shown at another."""
     film = write_moving(tmp_path / "film.webm", *given)
     loop = film_loop(case, size, given, fit=fit)
-    write_film_player(tmp_path / "player.html", loop, film, 15)
+    write_film_player(tmp_path / "player.html", loop, film, 15, {})
     page = open_window(*size)
     page.goto((tmp_path / "player.html").as_uri())
     wait_for(page, "window.player && player.ready")

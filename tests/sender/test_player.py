@@ -46,7 +46,7 @@ def small() -> Loop:
 @pytest.fixture(scope="module")
 def player(small: Loop, tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("player") / "player.html"
-    write_player(file, small, 15)
+    write_player(file, small, 15, {})
     return file
 
 
@@ -191,7 +191,7 @@ def test_the_page_computes_what_is_embedded_to_the_gray_level(
 ) -> None:
     by = WAYS[(list(EXACT).index(case) + upright) % 2]
     loop = exact_loop(case, upright=upright)
-    write_player(tmp_path / "player.html", loop, 15)
+    write_player(tmp_path / "player.html", loop, 15, {})
     page = open_window(*loop.placement.display_size)
     if "without" in by:
         page.add_init_script(WITHOUT_CARD)
@@ -246,7 +246,7 @@ def test_in_other_windows_the_display_s_own_pixels_change_as_they_should(
     """All states of a picture lie around one resized picture, exactly."""
     upright, window = number % 2 > 0, ((300, 200), (97, 73), (121, 82))[number % 3]
     loop = exact_loop(list(EXACT)[number], upright=upright)
-    write_player(tmp_path / "player.html", loop, 15)
+    write_player(tmp_path / "player.html", loop, 15, {})
     page = open_window(*(window[::-1] if upright else window))
     carriers = list(loop.carriers())
     states = drawn_states(page, tmp_path / "player.html", 2 * len(carriers))
@@ -380,7 +380,7 @@ def test_on_another_display_the_loop_goes_on_where_it_is(
 def test_at_60_states_a_second_canvas_and_screenshots_are_the_states_in_order(
     open_window: OpenWindow, small: Loop, tmp_path: Path
 ) -> None:
-    write_player(tmp_path / "player.html", small, 60)
+    write_player(tmp_path / "player.html", small, 60, {})
     page = open_window(120, 160)
     start(page, tmp_path / "player.html")
     sent = list(small.states())
@@ -406,7 +406,7 @@ def test_a_page_of_a_fine_grid_is_small(tmp_path: Path) -> None:
     layout = make_layout(48, 64, modulation="antipodal", pilots="auto")
     noise = rng.integers(0, 256, (384, 512, 3), dtype=np.uint8)  # which nothing packs
     bits = rng.integers(0, 2, (100, layout.n_bits), dtype=np.uint8)
-    write_player(tmp_path / "player.html", Loop(layout, 1, bits, lambda: iter([noise])), 60)
+    write_player(tmp_path / "player.html", Loop(layout, 1, bits, lambda: iter([noise])), 60, {})
     page = (tmp_path / "player.html").stat().st_size
     assert page - 4 / 3 * noise.size - bits.size < 50_000  # little more than picture and bits
 

@@ -533,7 +533,7 @@ def test_any_layout_survives_folder_and_player(
     loop = Loop(layout, kappa, bits, pictures, size, even=even)
     with TemporaryDirectory() as folder:
         out = Path(folder) / "page.html"
-        write_player(out, loop, 15)
+        write_player(out, loop, 15, {})
         write_states(Path(folder), loop.states())
         states = folder_states(Path(folder))
         np.testing.assert_array_equal(player_states(out), states)
