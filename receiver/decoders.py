@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Protocol
 
 from export.film_graph import FilmGraph
 from export.runtime import OWN_TIME_LIMIT_S, Decoder, check_threads, read_model
@@ -13,8 +13,6 @@ from link.layout import Layout
 from link.observation import Observation
 from link.types import Image
 from models import FILM_GRAPH, shipped_graphs
-
-T = TypeVar("T")
 
 
 class PairDecoder(Protocol):
@@ -44,7 +42,7 @@ class WindowDecoder(Protocol):
         ...
 
 
-class Shipped(Generic[T]):
+class Shipped:
     """A decoder whose file is known beforehand, and which is loaded when it is needed.
 
     Its file is read and checked at once, so that a damaged one is noticed before the film begins.
@@ -53,17 +51,17 @@ class Shipped(Generic[T]):
     Args:
         path: file that `export.to_onnx` wrote.
         threads: number of threads of onnxruntime.
-        load: loads it; called once.
+        load: loads it, which has a method ``decode``; called once.
 
     Raises:
         InputError: the file is missing, or damaged.
     """
 
-    def __init__(self, path: Path, threads: int, load: Callable[[], T]) -> None:
+    def __init__(self, path: Path, threads: int, load: Callable[[], Any]) -> None:
         check_threads(threads)
         read_model(path)
         self._load = load
-        self._begun: Future[T] | None = None
+        self._begun: Future[Any] | None = None
 
     def prepare(self) -> None:
         """Begin to load the file in a thread of its own, unless that has begun already."""
@@ -72,13 +70,19 @@ class Shipped(Generic[T]):
             self._begun = worker.submit(self._load)
             worker.shutdown(wait=False)  # it ends with its only task
 
-    def _loaded(self) -> T:
+    def decode(self, *seen: Any) -> SoftBits:
+        """Score message bits by what the decoder takes: two frames, or the window of a film.
+
+        Raises:
+            InputError: the decoder refuses what it gets, or its file cannot be loaded.
+        """
         self.prepare()
         assert self._begun is not None
-        return self._begun.result()
+        scored: SoftBits = self._begun.result().decode(*seen)
+        return scored
 
 
-class ShippedDecoder(Shipped[Decoder]):
+class ShippedDecoder(Shipped):
     """A decoder of frame pairs that ships, for a layout that is known before it is loaded.
 
     Args:
@@ -92,37 +96,14 @@ class ShippedDecoder(Shipped[Decoder]):
 
     def __init__(self, path: Path, layout: Layout, threads: int = 2) -> None:
         self.layout = layout
-        super().__init__(path, threads, lambda: Decoder(path, threads, OWN_TIME_LIMIT_S))
-        self._path = path
 
-    def decode(self, original: Image, embedded: Image, /) -> SoftBits:
-        """Score the message bits of two rectified frames, an `Image` each.
+        def load() -> Decoder:
+            decoder = Decoder(path, threads, OWN_TIME_LIMIT_S)
+            if decoder.layout != layout:
+                raise InputError(f"{path}: is for another layout than its name says; export it")
+            return decoder
 
-        Raises:
-            InputError: the file is no decoder for the layout, or the decoder refuses the frames.
-        """
-        decoder = self._loaded()
-        if decoder.layout != self.layout:
-            raise InputError(f"{self._path}: is for another layout than its name says; export it")
-        return decoder.decode(original, embedded)
-
-
-class ShippedFilm(Shipped[FilmGraph]):
-    """The film decoder that ships.
-
-    Args:
-        threads: number of threads of onnxruntime.
-
-    Raises:
-        InputError: the file is missing, or damaged.
-    """
-
-    def __init__(self, threads: int) -> None:
-        super().__init__(FILM_GRAPH, threads, lambda: FilmGraph(FILM_GRAPH, threads))
-
-    def decode(self, observation: Observation) -> SoftBits:
-        """Score the message bits of all frame pairs of a window, in log-likelihood ratios."""
-        return self._loaded().decode(observation)
+        super().__init__(path, threads, load)
 
 
 def open_decoders(
@@ -137,7 +118,7 @@ def open_decoders(
     Raises:
         InputError: a file is missing or damaged, or a given one is no decoder.
     """
-    film = ShippedFilm(threads)
+    film = Shipped(FILM_GRAPH, threads, lambda: FilmGraph(FILM_GRAPH, threads))
     if models:
         return [Decoder(model, threads) for model in models], film
     shipped = shipped_graphs().items()
