@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from data_gen.frame_pair import Source
 from data_gen.pairs import PAIRS
 from lab.study import Results, Study, StudyFlags, Workshop
-from link.errors import InputError, at_least, choose, each_once
+from link.errors import InputError, at_least, each_known
 from link.layout import make_layout
 from models.phi.checkpoint import load_checkpoint
 from reports.ablation.page import ablation_figure, ablation_tables
@@ -53,16 +53,9 @@ class AblationFlags(StudyFlags):
 
 def check_ablation(flags: AblationFlags) -> None:
     """Raise an `InputError` for a wrong flag, before any work."""
-    valid: dict[str, Mapping[str, object]] = {
-        "conditions": SETTINGS,
-        "rows": dict.fromkeys(ROWS),
-        "pairs": PAIRS,
-    }
-    for flag, choices in valid.items():
-        names = getattr(flags, flag)
-        for name in names:
-            choose(choices, name, f"name in --{flag}")
-        each_once(**{flag: names})
+    each_known(SETTINGS, conditions=flags.conditions)
+    each_known(ROWS, rows=flags.rows)
+    each_known(PAIRS, pairs=flags.pairs)
     at_least(1, frames=flags.frames)
     if not flags.label or Path(flags.label).name != flags.label:
         raise InputError(f"--label: need a name without slashes, got {flags.label!r}")

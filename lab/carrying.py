@@ -23,7 +23,7 @@ from export.film_graph import FilmGraph
 from export.runtime import Decoder
 from lab.films.rates import nearest_frame
 from lab.study import Results, Study, StudyFlags, Workshop
-from link.errors import choose, each_once, in_range
+from link.errors import each_known, each_once, in_range
 from link.layout import Layout
 from link.loop import Loop, LoopStates
 from link.presets import PRESETS
@@ -171,9 +171,8 @@ def mean_and_half(values: NDArray[np.float64]) -> str:
 
 def check_carrying(flags: CarryingFlags) -> None:
     """Raise an `InputError` that names the first flag with a wrong value."""
-    each_once(presets=flags.presets, pairs=pair_names(flags.pairs))
-    for name in flags.presets:
-        choose(CARRIED, name, "name in --presets")
+    each_known(CARRIED, presets=flags.presets)
+    each_once(pairs=pair_names(flags.pairs))
     in_range(flags, seconds=(0.1, 60, " seconds"))
 
 

@@ -1,6 +1,6 @@
 """What a user can mend, in one line: exceptions, and checks that raise them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -116,3 +116,21 @@ def each_once(**parameters: Sequence[object]) -> None:
     for name, values in parameters.items():
         if not values or len(set(values)) != len(values):
             raise ParameterError(name, "name at least one, and none twice")
+
+
+def each_known(choices: Iterable[str], **parameters: Sequence[str]) -> None:
+    """Raise an `InputError` where a list of a command names what is not known, or one twice.
+
+    Args:
+        choices: known names.
+        parameters: names that a user gave, by the name of the parameter that holds them.
+
+    >>> each_known(["paper", "hidden"], presets=["loud"])
+    Traceback (most recent call last):
+    ...
+    link.errors.InputError: unknown name in --presets 'loud'; choose one of: paper, hidden
+    """
+    for parameter, names in parameters.items():
+        for name in names:
+            choose(dict.fromkeys(choices), name, f"name in --{parameter}")
+    each_once(**parameters)

@@ -25,7 +25,7 @@ from data_gen.film.message import FilmSettings, Take, film_message
 from data_gen.pairs import GROUPS, pair_names
 from data_gen.video import TRUTH
 from lab.study import Results, Study, StudyFlags, Workshop
-from link.errors import ParameterError, at_least, choose
+from link.errors import ParameterError, at_least, each_known
 from link.geometry import transform
 from link.images import image_files
 from link.images.files import read_image
@@ -323,10 +323,8 @@ def check_search(flags: PilotSearchFlags) -> None:
     """Raise an `InputError` that names the first flag with a wrong value."""
     at_least(1, films=flags.films)
     pair_names(flags.pairs)
-    for preset in flags.presets:
-        choose(CAMERAS, preset, "name in --presets")
-    for seen in flags.seen:
-        choose(SEEN, seen, "name in --seen")
+    each_known(CAMERAS, presets=flags.presets)
+    each_known(SEEN, seen=flags.seen)
     if not 0.5 <= flags.seconds <= 60:
         raise ParameterError("seconds", f"need 0.5 to 60, got {flags.seconds:g}")
 
