@@ -4,11 +4,10 @@ from collections.abc import Sequence
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, NullLocator
 
 from reports.ablation.results import BLOCKS, Ablation, AblationEntry
 from reports.engine.conditions import SETTINGS
-from reports.render.charts import in_style
+from reports.render.charts import in_style, set_ticks
 from reports.render.tables import Table, TableCell, difference_interval, percent, tint_of
 from reports.score.paired import MIN_FRAMES, Paired
 
@@ -78,9 +77,7 @@ def _draw_panel(panel: Axes, compared: Sequence[Paired]) -> None:
             panel.plot([paired.low, paired.high], [y, y], color=colour)
         panel.plot(paired.difference, y, "o", color=colour, markersize=4)
     panel.set_xscale("symlog", linthresh=1, linscale=0.6)
-    panel.xaxis.set_major_locator(FixedLocator(TICKS))
-    panel.xaxis.set_minor_locator(NullLocator())
-    panel.xaxis.set_major_formatter("{x:g}")
+    set_ticks(panel.xaxis, TICKS, [f"{tick:g}".replace("-", "\N{MINUS SIGN}") for tick in TICKS])
     panel.grid(axis="x", color="0.92")
     panel.tick_params(axis="x", labelsize=7)
 
@@ -107,8 +104,5 @@ def _error_cell(entry: AblationEntry, reference: str) -> TableCell:
     if reference not in entry.against:
         return TableCell(text)
     paired = entry.against[reference]
-    return TableCell(text, f"{paired.difference:+.2f}, {_interval(paired)}", tint_of(paired))
-
-
-def _interval(paired: Paired) -> str:
-    return "no interval" if paired.frames < MIN_FRAMES else difference_interval(paired)
+    interval = "no interval" if paired.frames < MIN_FRAMES else difference_interval(paired)
+    return TableCell(text, f"{paired.difference:+.2f}, {interval}", tint_of(paired))

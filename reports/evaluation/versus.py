@@ -49,7 +49,8 @@ def compare_runs(folder_a: Path, folder_b: Path) -> tuple[str, Path]:
     methods = {str(row[0]) for table in tables for row in table.rows}
     notes = remarks(a, b, methods)
     colours = {method: colour_of(method) for method in sorted(methods)}
-    sections = {f"part{number}": _sentence(table.title) for number, table in enumerate(tables)}
+    titles = [table.title[:1].upper() + table.title[1:] for table in tables]
+    sections = {f"part{number}": title for number, title in enumerate(titles)}
     text = render(
         "compare.html.j2",
         colours,
@@ -170,7 +171,3 @@ def _cells(method: str, counts: Counts) -> list[str | TableCell]:
         f"{paired.frames:,}",
         f"{paired.bits:,}",
     ]
-
-
-def _sentence(text: str) -> str:
-    return text[:1].upper() + text[1:]
