@@ -48,7 +48,7 @@ from models.phi.training import check_rate
 from models.region.region import DisplayRegion
 from receiver.pilots.search.regions import CELL_PX, outline_regions
 from receiver.pilots.search.watch import Watch
-from reports.engine.backends import Backend, one_thread, run_tasks
+from reports.engine.backends import Backend, run_tasks
 from reports.engine.records import write_lines
 from reports.render.tables import Table
 from reports.run import claim_folder
@@ -125,7 +125,6 @@ class RegionFilm:
 
     def make(self) -> None:
         """Film, hold still, and write features and truth."""
-        one_thread()
         drawn = draw_film(self.split, self.seed, self.number)
         stills, corners = held_still(drawn, max(self.counts) + 1)
         covered = cover(corners) if drawn.shows_message else np.zeros(cells(), np.float32)

@@ -17,8 +17,6 @@ CELL_PX = 4
 finest grids, in frames whose longer side has 640 pixels."""
 OUT_CELLS = 2
 """Side, in such squares, of a cell of the map that the network returns."""
-LEAST_PX = 64
-"""Smallest side, in pixels, of frames that can be mapped: one cell at the lowest resolution."""
 FEATURES = 6
 """Number of values that the network sees of each square (`DisplayRegion.features`)."""
 WIDTH, DEEP = 16, 24

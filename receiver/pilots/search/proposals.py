@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from export.region_graph import shipped_region_graph
+from export.region_graph import LEAST_PX, shipped_region_graph
 from link.images import as_gray
 from link.layout import Layout
 from link.pilot_code import PLAIN
@@ -150,7 +150,10 @@ class Proposer:
         Returns:
             (4, 2) pixels of the reference each, to some blocks, the likeliest first.
         """
-        log_odds = shipped_region_graph().log_odds(self._watch.stills.frames)
+        stills = self._watch.stills.frames
+        if min(stills.shape[1:]) < LEAST_PX:
+            return []
+        log_odds = shipped_region_graph().log_odds(stills)
         yield 1
         outlines = [CELL_PX * outline - 0.5 for outline in outline_regions(log_odds)]
         yield 1
