@@ -114,6 +114,14 @@ def check_pixels(width: int, height: int, where: Path | str) -> None:
         )
 
 
+def check_size(width: int, height: int, where: Path | str) -> None:
+    """Raise an `InputError` that names the file where an image has too many pixels, or too few."""
+    check_pixels(width, height, where)
+    if min(width, height) < MIN_SIDE_PX:
+        need = f"{MIN_SIDE_PX}x{MIN_SIDE_PX}"
+        raise InputError(f"{where}: image is {width}x{height}, need at least {need} pixels")
+
+
 def check_kind(path: Path | str, data: bytes) -> None:
     """Raise an `InputError` where a file's first bytes are those of a kind that is not read."""
     kind = unread_kind(data)

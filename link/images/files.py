@@ -16,15 +16,14 @@ from PIL import Image, ImageOps, UnidentifiedImageError
 from link.errors import InputError
 from link.images import (
     BYTES_PER_PIXEL,
-    MIN_SIDE_PX,
     SPARE_BYTES,
     check_kind,
-    check_pixels,
+    check_size,
     pixel_limit,
 )
 from link.outside import is_file, read_bounded
 
-Image.MAX_IMAGE_PIXELS = None  # `check_pixels` is stricter, and says what to do
+Image.MAX_IMAGE_PIXELS = None  # `check_size` is stricter, and says what to do
 KINDS = ("PNG", "JPEG", "TIFF", "BMP", "WEBP")
 """Kinds of files that are read, by Pillow's names; those of `link.images.IMAGE_SUFFIXES`."""
 START_OF_SCAN, END_OF_IMAGE = b"\xff\xda", b"\xff\xd9"
@@ -74,7 +73,7 @@ def read_picture(path: Path | str) -> Picture:
     check_kind(path, data)
     try:
         with catch_warnings(action="ignore"), Image.open(BytesIO(data), formats=KINDS) as file:
-            check_pixels(*file.size, path)
+            check_size(*file.size, path)
             if file.format in ("PNG", "WEBP") and getattr(file, "is_animated", False):
                 raise InputError(
                     f"{path}: an animation; save one picture of it, or all as GIF or video"
@@ -98,11 +97,6 @@ def read_picture(path: Path | str) -> Picture:
         raise InputError(
             f"{path}: not a readable image: it is damaged or cut off; copy it again"
         ) from None
-    height, width = rgb.shape[:2]
-    if min(height, width) < MIN_SIDE_PX:
-        raise InputError(
-            f"{path}: image is {width}x{height}, need at least {MIN_SIDE_PX}x{MIN_SIDE_PX} pixels"
-        )
     return Picture(rgb, see_through, profile)
 
 

@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 
 from link.errors import InputError, ParameterError
 from link.images import (
-    MIN_SIDE_PX,
     check_kind,
-    check_pixels,
+    check_size,
     replaced,
 )
 from link.outside import is_file
@@ -128,12 +127,7 @@ class VideoReader:
             int(self._video.get(side))
             for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
         )
-        check_pixels(width, height, self.path)
-        if min(width, height) < MIN_SIDE_PX:
-            raise InputError(
-                f"{path}: its frames are {width}x{height}, need at least "
-                f"{MIN_SIDE_PX}x{MIN_SIDE_PX} pixels"
-            )
+        check_size(width, height, path)
         fps = float(self._video.get(cv2.CAP_PROP_FPS))
         count = float(self._video.get(cv2.CAP_PROP_FRAME_COUNT))
         self._stated_s = count / fps if fps > 0 and count > 0 else 0.0

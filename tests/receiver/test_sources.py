@@ -227,7 +227,7 @@ def test_frames_of_a_few_pixels_are_refused(tmp_path: Path) -> None:
     open_source(str(tmp_path / "small.avi"))
     pixel = cv2.imencode(".jpg", np.zeros((2, 2, 3), np.uint8))[1].tobytes()
     (tmp_path / "tiny.mjpeg").write_bytes(pixel * 3)
-    with pytest.raises(InputError, match=r"tiny\.mjpeg: its frames are 2x2, need at least 16x16"):
+    with pytest.raises(InputError, match=r"tiny\.mjpeg: image is 2x2, need at least 16x16"):
         open_source(str(tmp_path / "tiny.mjpeg"))
 
 
