@@ -239,9 +239,7 @@ def synthetic_pair(
     gamma, gain = rng.uniform(0.6, 1.6), np.exp(0.04 * rng.standard_normal())
     frames = []
     for frame, factor, shift in ((shown.original, 1.0, 0.0), (shown.embedded, gain, 0.15)):
-        motion = np.array([[1, 0, 0], [0, 1, 0]]) + np.pad(
-            shift * rng.standard_normal((2, 1)), ((0, 0), (2, 0))
-        )
+        motion = np.column_stack([np.eye(2), shift * rng.standard_normal(2)])
         moved = cv2.warpAffine(frame, motion, size, borderMode=cv2.BORDER_REPLICATE)
         filmed = 240 * factor * (moved / 255.0) ** gamma + noise * rng.standard_normal(moved.shape)
         frames.append(np.clip(filmed.round(), 0, 255).astype(np.uint8))
