@@ -24,9 +24,8 @@ from link.images import make_folder, write_bytes, write_image
 from link.images.files import read_image
 from link.outside import is_no_file
 from link.presets import preset_name
-from models import find_graph
 from receiver.cameras import HIGHEST_FPS, SIZE, CameraFrame
-from receiver.decoders import PairDecoder, WindowDecoder, open_decoders
+from receiver.decoders import PairDecoder, WindowDecoder, add_model_flag, open_decoders
 from receiver.events import Event, PlacedEvent
 from receiver.seen import SeenFrame
 from receiver.show import draw_decoded_pair
@@ -68,13 +67,7 @@ def main() -> None:
     parser.add_argument("--camera-size", type=read_size, help=f"asked of a camera ({usual})")
     asked = f"frames a second asked of a camera (the highest that it has, to {HIGHEST_FPS:g})"
     parser.add_argument("--camera-fps", type=float, help=asked)
-    parser.add_argument(
-        "--model",
-        type=find_graph,
-        action="append",
-        help="an .onnx file, or a preset's name, which says what display to look for; may be given "
-        "several times; by default those that ship, one for each preset of sender",
-    )
+    add_model_flag(parser)
     parser.add_argument("--threads", type=int, default=2, help="of onnxruntime")
     add_pixel_limit(parser)
     args = check_flags(parser.parse_args())

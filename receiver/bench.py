@@ -14,8 +14,7 @@ import numpy as np
 from link.cli import Parser, add_pixel_limit, check_flags, run_cli
 from link.errors import InputError, at_least
 from link.markdown import markdown_table
-from models import find_graph
-from receiver.decoders import open_decoders
+from receiver.decoders import add_model_flag, open_decoders
 from receiver.receiver import Receiver
 from receiver.sources import FPS_HELP, open_source
 
@@ -27,12 +26,7 @@ def main() -> None:
     """Print a table of stages and one JSON line."""
     parser = Parser(prog="python -m receiver.bench", description="Speed of the whole receiver.")
     parser.add_argument("input", metavar="INPUT", help="a folder of images or a video file")
-    parser.add_argument(
-        "--model",
-        type=find_graph,
-        action="append",
-        help="an .onnx file, or a preset's name; by default all presets are looked for",
-    )
+    add_model_flag(parser)
     parser.add_argument("--fps", type=float, help=FPS_HELP)
     parser.add_argument("--frames", type=int, default=300, help="at most")
     parser.add_argument("--threads", type=int, default=2, help="of onnxruntime and OpenCV")

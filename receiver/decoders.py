@@ -1,5 +1,6 @@
 """Decoders for a receiver: it may need several, and most films need one, which is then loaded."""
 
+from argparse import ArgumentParser
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -12,7 +13,7 @@ from link.frames import SoftBits
 from link.layout import Layout
 from link.observation import Observation
 from link.types import Image
-from models import FILM_GRAPH, shipped_graphs
+from models import FILM_GRAPH, find_graph, shipped_graphs
 
 
 class PairDecoder(Protocol):
@@ -104,6 +105,17 @@ class ShippedDecoder(Shipped):
             return decoder
 
         super().__init__(path, threads, load)
+
+
+def add_model_flag(parser: ArgumentParser) -> None:
+    """Give a command the flag --model, whose value `open_decoders` takes."""
+    parser.add_argument(
+        "--model",
+        type=find_graph,
+        action="append",
+        help="an .onnx file, or a preset's name, which says what display to look for; may be given "
+        "several times; by default those that ship, one for each preset of sender",
+    )
 
 
 def open_decoders(
