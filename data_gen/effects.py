@@ -1,54 +1,32 @@
-"""Effects of the channel, to be switched off by name, and parameters, to be set by name."""
+"""Effects of the channel, to be switched off by name, and parameters, to be set by name.
+
+effects.json lists the effects, and the values of parameters with which each is absent.
+"""
 
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from data_gen.parameters import IDENTITY, LINEAR, PLACES, Pair, read_curve
+from data_gen.parameters import PLACES, Pair, read_curve
 from link.errors import InputError, ParameterError, choose
-from link.outside import parse_json
+from link.outside import parse_json, read_json
 
-EFFECTS: dict[str, dict[str, Any]] = {
-    "perspective": {"perspective": False},
-    "corners": {"corner_px": 0.0},
-    "angle": {"falloff": (0.0, 0.0, 0.0), "washout": 0.0, "leak": 0.0},
-    "uniformity": {"edge_loss": 0.0},
-    "ambient": {"haze": 0.0, "glare": 0.0},
-    "transfer": {
-        "gamma": (1.0, 1.0, 1.0),
-        "black": 0.0,
-        "clip": 1.0,
-        "white_level": 1.0,
-        "light_curve": (),
-        "tone_curve": LINEAR,
-        "encoding": "linear",
-    },
-    "crosstalk": {"crosstalk": IDENTITY, "color_matrix": IDENTITY},
-    "drift": {"drift": 0.0},
-    "flicker": {"pwm_depth": 0.0},
-    "jitter": {"jitter_px": 0.0},
-    "breathing": {"breathing": 0.0},
-    "moire": {"grid_contrast": 0.0},
-    "vignetting": {"vignetting": 0.0},
-    "blur": {"blur_px": 0.0},
-    "mosaic": {"bayer": False},
-    "noise": {"noise_scale": 0.0},
-    "sharpening": {"sharpening": 0.0},
-    "jpeg": {"jpeg_quality": 0},
-}
+
+def as_tuple(value: Any) -> Any:
+    """Make tuples of the lists of a value of JSON, those within its objects, too."""
+    if isinstance(value, dict):
+        return {name: as_tuple(part) for name, part in value.items()}
+    return tuple(as_tuple(part) for part in value) if isinstance(value, list) else value
+
+
+_ABSENT = as_tuple(read_json(Path(__file__).with_suffix(".json")))
+EFFECTS: dict[str, dict[str, Any]] = _ABSENT["channel"]
 """Effects of the channel by name, and the parameters' values with which each is absent.
 
 With all of them absent the channel is the identity.
 """
-FILM_EFFECTS: dict[str, dict[str, Any]] = {
-    "scan": {"scan": "none"},
-    "response": {"rise_s": (0.0, 0.0, 0.0), "fall_s": (0.0, 0.0, 0.0)},
-    "frame_rate_control": {"frc_bits": 0},
-    "auto_exposure": {"auto_exposure": False},
-    "parallax": {"sway": 0.0},
-    "distortion": {"distortion": 0.0},
-}
+FILM_EFFECTS: dict[str, dict[str, Any]] = _ABSENT["films"]
 """Effects that films have beside those of `EFFECTS`, and the values with which each is absent."""
 
 
@@ -129,8 +107,3 @@ def parse_settings(texts: Iterable[str]) -> tuple[tuple[str, Any], ...]:
             raise ParameterError("--set", problem) from None
         settings.append((name, as_tuple(parsed)))
     return tuple(settings)
-
-
-def as_tuple(value: Any) -> Any:
-    """Make tuples of the lists of a value of JSON."""
-    return tuple(as_tuple(part) for part in value) if isinstance(value, list) else value

@@ -94,7 +94,7 @@ class SourceFlags(LayoutFlags):
     """Folder with your own pictures, in place of the built-in ones, or a video. Frame pairs show
     pictures of it that are a second apart; films play it at its own rate."""
     without: tuple[str, ...] = ()
-    """Effects of the channel to switch off, such as drift or moire (data_gen/effects.py)."""
+    """Effects of the channel to switch off, such as drift or moire (data_gen/effects.json)."""
     display_size: tuple[int, int] | None = None
     """Width and height of the display, pixels, which pictures fill; by default the layout's."""
     even: bool = False

@@ -19,8 +19,6 @@ IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 """Matrix that leaves every colour as it is."""
 MAX_CURVE_BYTES = 2**20
 """Largest size of a file with a curve, bytes."""
-LINEAR: Curve = ((0.0, 0.0), (1.0, 1.0))
-"""Tone curve that leaves light as it is."""
 ENCODINGS = {"srgb": "IEC 61966-2-1", "linear": "none"}
 """Transfer functions of stored images by name, and the standard that defines each."""
 PANELS = {

@@ -11,7 +11,7 @@ from data_gen.effects import EFFECTS, FILM_EFFECTS, switch_off
 from data_gen.film.frame import VideoFrame
 from data_gen.film.scenes import Scene, SceneSettings
 from data_gen.pairs import PAIRS, get_pair
-from data_gen.parameters import IDENTITY, LINEAR, Camera, Pair
+from data_gen.parameters import IDENTITY, Camera, Pair
 from link.embed import embed
 from link.frames import Captured, Displayed
 from link.geometry import frame_corners, transform
@@ -40,7 +40,7 @@ PLAIN = replace(
     read_noise_e=0.0,
     white_level=1.0,
     color_matrix=IDENTITY,
-    tone_curve=LINEAR,
+    tone_curve=EFFECTS["transfer"]["tone_curve"],
     encoding="linear",
     bayer=False,
     sharpening=0.0,

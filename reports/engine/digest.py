@@ -19,6 +19,7 @@ from link.modules import ROOT, imported_modules, module_file
 PACKAGES = ("numpy", "scipy", "opencv-python-headless", "scikit-image", "scikit-learn", "torch")
 """Installed packages that decide what a decoder answers, up to the processor's rounding."""
 DATA = {
+    "data_gen.effects": ("data_gen/effects.json",),
     "data_gen.pairs": ("data_gen/paper.json", "data_gen/today.json"),
     "data_gen.pictures.drawings": ("data_gen/pictures/texts.json",),
     "data_gen.pictures.library": ("data_gen/pictures/built_in.json",),

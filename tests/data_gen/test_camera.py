@@ -8,10 +8,12 @@ from hypothesis import strategies as st
 from tolerances import DEMOSAIC_RAMP, FLOAT32, IDENTITY_LEVELS, NOISE_RELATIVE
 
 from data_gen.channel.camera import RESPONSE_STEPS, collect, develop, jpeg, response_curve
+from data_gen.effects import EFFECTS
 from data_gen.pairs import PAIRS
-from data_gen.parameters import IDENTITY, LINEAR, Camera
+from data_gen.parameters import IDENTITY, Camera
 from link.types import Array, Floats
 
+LINEAR = EFFECTS["transfer"]["tone_curve"]
 NOISY = replace(PLAIN, read_noise_e=20.0)
 BIG = 768, 576
 EXPOSURE = np.linspace(0, 1, RESPONSE_STEPS + 1)
