@@ -214,8 +214,7 @@ def show_bench(args: argparse.Namespace, kind: str) -> None:
         if args.out.exists():
             raise ParameterError("out", f"{args.out} is already there; choose another name")
         pictures = open_pictures(args.pictures, 1.0) if args.pictures else None
-        fit = args.fit or ("cover" if args.size is None else "contain")
-        parts = write_bench(args.out, pictures, args.size, fit, args.refresh)
+        parts = write_bench(args.out, pictures, args.size, args.fit, args.refresh)
     print(json.dumps({"out": str(args.out), "seconds": SECONDS * len(parts), "parts": parts}))
 
 
@@ -229,6 +228,7 @@ def main() -> None:
     """
     args = check_flags(send_parser().parse_args())
     kind = output_kind(args.out)
+    args.fit = args.fit or ("cover" if args.size is None else "contain")
     if args.bench:
         show_bench(args, kind)
         return
@@ -246,14 +246,13 @@ def main() -> None:
     given = "message" if args.file is None else "file"
     frames_needed(len(protected), layout.n_bits, given)  # refuses what is too long
     bits = encode(protected, layout.n_bits, signed=args.key is not None)
-    fit = args.fit or ("cover" if args.size is None else "contain")
     even = preset.even if args.even is None else args.even
     even = even and layout.modulation == "antipodal"
     moving = is_film(args.pictures)
     if kind == ".html" and moving and args.pictures.suffix.lower() in PLAYED:
         first = next(pictures())  # the page makes the states of the others
         pictures = partial(iter, [first])
-    loop = Loop(layout, preset.kappa, bits, pictures, args.size, fit, even, moving)
+    loop = Loop(layout, preset.kappa, bits, pictures, args.size, args.fit, even, moving)
     note_coarse(loop.placement.given_size, loop.placement.picture_size)
     hiding = Hiding(loop.shown_layout, state_hz, onlooker, even)
     loop.kappa = choose_kappa(preset.kappa, args.kappa, args.visibility, hiding)

@@ -204,12 +204,9 @@ def watch(film: Path, layout: Layout, fps: float | None) -> Reception:
         InputError: it cannot be read.
     """
     source = open_source(str(film), fps)
-
-    def frames() -> Iterator[tuple[Any, float]]:
-        for frame in tqdm(source.frames, desc=film.name, unit="frame"):
-            yield frame.image, frame.time
-
-    return receive_film(frames(), source.fps, layout, apart=True)
+    frames = tqdm(source.frames, desc=film.name, unit="frame")
+    seen = ((frame.image, frame.time) for frame in frames)
+    return receive_film(seen, source.fps, layout, apart=True)
 
 
 def truths(film: Path, reception: Reception, sent: Sent) -> tuple[list[Known], list[str]]:
