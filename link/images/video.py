@@ -151,17 +151,6 @@ class VideoReader:
             return float(frames.sum() / gaps.sum())
         return self.fps or DEFAULT_FPS
 
-    def frames(self) -> Iterator[NDArray[np.uint8]]:
-        """Give the frames one at a time, (H, W, 3) uint8, encoded RGB.
-
-        After the last one, ``broken_off`` says whether some are missing.
-
-        Raises:
-            InputError: the file holds no frame that can be read.
-        """
-        for image, _ in self._read():
-            yield image
-
     def timed_frames(self) -> Iterator[tuple[NDArray[np.uint8], float]]:
         """Give the frames one at a time, each with its presentation time as `time_after` finds it.
 
@@ -171,10 +160,22 @@ class VideoReader:
         Raises:
             InputError: the file holds no frame that can be read.
         """
-        time: float | None = None
-        for image, stated in self._read():
-            time = time_after(stated, time, self.rate)
-            yield image, time
+        count, time, end_s = 0, None, 0.0
+        try:
+            while (image := next_frame(self._video)) is not None:
+                end_s = self._video.get(cv2.CAP_PROP_POS_MSEC) / 1000
+                time = time_after(end_s, time, self.rate)
+                count += 1
+                yield image, time
+        finally:
+            self._video.release()
+        if not count:
+            raise InputError(f"{self.path}: holds no readable frame; copy or record it again")
+        if end_s + self._slack_s < self._stated_s:
+            self.broken_off = (
+                f"{self.path}: the video breaks off after {count} frames, at {end_s:.1f} of "
+                f"{self._stated_s:.1f} s; copy it again, or cut it there"
+            )
 
     def check_end(self) -> None:
         """Look at the end of the file alone, which costs little however long it is.
@@ -189,24 +190,6 @@ class VideoReader:
             raise InputError(
                 f"{self.path}: the video breaks off before the {self._stated_s:.1f} s that it "
                 "states; copy it again, or cut it there"
-            )
-
-    def _read(self) -> Iterator[tuple[NDArray[np.uint8], float]]:
-        """Give each frame and the seconds at which the file says that it is shown."""
-        count, end_s = 0, 0.0
-        try:
-            while (image := next_frame(self._video)) is not None:
-                end_s = self._video.get(cv2.CAP_PROP_POS_MSEC) / 1000
-                count += 1
-                yield image, end_s
-        finally:
-            self._video.release()
-        if not count:
-            raise InputError(f"{self.path}: holds no readable frame; copy or record it again")
-        if end_s + self._slack_s < self._stated_s:
-            self.broken_off = (
-                f"{self.path}: the video breaks off after {count} frames, at {end_s:.1f} of "
-                f"{self._stated_s:.1f} s; copy it again, or cut it there"
             )
 
 
@@ -286,7 +269,8 @@ def read_video(path: Path | str) -> Iterator[NDArray[np.uint8]]:
         InputError: no readable video, no frame in it, or it ends before the time it states.
     """
     reader = VideoReader(path)
-    yield from reader.frames()
+    for image, _ in reader.timed_frames():
+        yield image
     if reader.broken_off is not None:
         raise InputError(reader.broken_off)
 

@@ -289,7 +289,11 @@ def test_a_video_that_breaks_off_is_an_error_for_the_sender_and_a_warning_for_th
     whole = (tmp_path / "whole.avi").read_bytes()
     (tmp_path / "cut.avi").write_bytes(whole[: len(whole) // 3])
     whole_film = VideoReader(tmp_path / "whole.avi")
-    assert (whole_film.fps, len(list(whole_film.frames())), whole_film.broken_off) == (30, 60, None)
+    assert (whole_film.fps, len(list(whole_film.timed_frames())), whole_film.broken_off) == (
+        30,
+        60,
+        None,
+    )
     with pytest.raises(InputError, match="breaks off after") as error:
         list(read_video(tmp_path / "cut.avi"))
     received = list(open_source(str(tmp_path / "cut.avi")).frames)
