@@ -5,8 +5,8 @@ and where its corners are to sub-pixels. Without patches the likeliest candidate
 """
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +52,8 @@ SPOT_QUADS, PARTIAL_QUADS = 30, 8
 and of one that is partly so. They bound the work of a search that finds nothing; chosen by hand."""
 
 
-class Demand(NamedTuple):
+@dataclass(frozen=True)
+class Demand:
     """What it takes to find a display by its patches."""
 
     promise: float
