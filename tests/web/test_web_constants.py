@@ -4,10 +4,11 @@ JavaScript takes such numbers from generated/constants.js, which Python writes.
 """
 
 import re
+from typing import NamedTuple
 
 from conftest import ROOT
 
-from web.host.constants import SHARED, constants_of
+from web.host.constants import SHARED, constants_of, plain
 
 SOURCES = ROOT / "web" / "port"
 COMMENTS = re.compile(r"/\*.*?\*/|//[^\n]*", re.DOTALL)
@@ -36,3 +37,14 @@ def test_no_shared_constant_is_defined_again() -> None:
                 if number in shared.get(name, ())
             ]
     assert not again, again
+
+
+class Place(NamedTuple):
+    """A record with named fields."""
+
+    x: float
+    y: float
+
+
+def test_a_record_becomes_a_tuple_of_its_fields() -> None:
+    assert plain([Place(0.5, 2), Place(1, 3)]) == [(0.5, 2), (1, 3)]

@@ -113,8 +113,9 @@ def plain(value: Any) -> Any:
         return list(value)
     if isinstance(value, tuple | list):
         entries = [plain(entry) for entry in value]
-        whole = None not in entries
-        return type(value)(entries) if whole else None
+        if None in entries:
+            return None
+        return tuple(entries) if isinstance(value, tuple) else entries
     if isinstance(value, dict):
         if not all(isinstance(key, int | float | str) for key in value):
             return None
