@@ -90,6 +90,9 @@ SAME_PX = 0.01
 CORNERS_PX = 0.1
 """Pixels between corners that iterations of another resolution have moved onto edges or
 pilots, or between points that such a motion moves."""
+OUTLINE_CELLS = 1e-3
+"""Cells by which the page's outlines of regions may differ from Python's. Both climb by the same
+steps, of which the smallest is four hundred times as long; sums differ by rounding."""
 MOVED_PX = 1e-3
 """Pixels between points that were moved by the same homography, of which Python has float32."""
 DECODED_PX = 2e-3

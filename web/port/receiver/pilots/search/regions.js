@@ -1,0 +1,176 @@
+/**
+ * Outline displays in a map of where they toggle, which gives the log-odds that a cell shows a part of
+ * a display. Of independent cells, the display would be the quadrilateral within which their sum is
+ * largest (receiver/pilots/search/regions.py).
+ */
+
+import { receiverPilotsSearchRegions } from "../../../../generated/constants.js";
+
+export const { CELL_PX } = receiverPilotsSearchRegions;
+const {
+  REGIONS, LEAST_CELLS, MOST_ODDS, BEYOND_CELLS, BEYOND_ODDS, STEPS, MOST_MOVES, MOVES,
+} = receiverPilotsSearchRegions;
+
+/**
+ * Sums of the cells to the left in each row of a map with margins of `BEYOND_CELLS`, and how many there
+ * are in a row.
+ *
+ * @typedef {{ sums: Float32Array, cols: number }} Sums
+ */
+
+/**
+ * Outline the displays of a map.
+ *
+ * @param {Float32Array} logOdds - natural log-odds of each cell
+ * @param {number} width - of the map, cells
+ * @returns {Point[][]} quadrilaterals in cells, where (0, 0) is the corner of the first cell; clockwise,
+ *   the likeliest first. They may reach beyond the map.
+ */
+export function outlineRegions(logOdds, width) {
+  const sums = sumsOf(logOdds, width);
+  return partsOf(logOdds, width)
+    .slice(0, REGIONS)
+    .filter((part) => part.length >= LEAST_CELLS)
+    .map((part) => climbed(rectangleOf(part, width), sums))
+    .sort((one, other) => other.likelihood - one.likelihood)
+    .map(({ outline }) => outline);
+}
+
+/**
+ * Add up each row of a map, with margins in which nothing is known.
+ *
+ * @param {Float32Array} logOdds
+ * @param {number} width
+ * @returns {Sums}
+ */
+function sumsOf(logOdds, width) {
+  const height = logOdds.length / width;
+  const cols = width + 2 * BEYOND_CELLS + 1;
+  const sums = new Float32Array(cols * (height + 2 * BEYOND_CELLS));
+  for (let at = 0; at < sums.length; at++) {
+    const x = (at % cols) - 1 - BEYOND_CELLS;
+    const y = Math.floor(at / cols) - BEYOND_CELLS;
+    if (x < -BEYOND_CELLS) continue; // nothing is to the left
+    const isKnown = x >= 0 && x < width && y >= 0 && y < height;
+    const odds = isKnown ? logOdds[y * width + x] : Math.fround(BEYOND_ODDS);
+    sums[at] = sums[at - 1] + Math.min(Math.max(odds, -MOST_ODDS), MOST_ODDS);
+  }
+  return { sums, cols };
+}
+
+/**
+ * Collect the cells, each likelier than not, that are connected by their sides.
+ *
+ * @param {Float32Array} logOdds
+ * @param {number} width
+ * @returns {number[][]} the cells of each part, the largest part first
+ */
+function partsOf(logOdds, width) {
+  const isFree = Array.from(logOdds, (odds) => odds > 0);
+  const parts = [];
+  for (let first = 0; first < isFree.length; first++) {
+    const part = isFree[first] ? [first] : [];
+    isFree[first] = false;
+    for (const cell of part) {
+      const x = cell % width;
+      const beside = [x > 0 ? cell - 1 : -1, x < width - 1 ? cell + 1 : -1, cell - width, cell + width];
+      for (const next of beside.filter((each) => isFree[each])) {
+        isFree[next] = false;
+        part.push(next); // whose neighbours this loop takes later
+      }
+    }
+    parts.push(part);
+  }
+  return parts.sort((one, other) => other.length - one.length);
+}
+
+/**
+ * Make the rectangle, clockwise, whose centre and moments are those of some cells.
+ *
+ * @param {number[]} part
+ * @param {number} width - of the map
+ * @returns {Point[]}
+ */
+function rectangleOf(part, width) {
+  /** @param {(x: number, y: number) => number} of - what is added up over the cells */
+  const sum = (of) => part.reduce((all, cell) => all + of(cell % width, Math.floor(cell / width)), 0);
+  const [centreX, centreY] = [sum((x) => x) / part.length, sum((_, y) => y) / part.length];
+  const [xx, xy, yy] = [
+    sum((x) => (x - centreX) ** 2),
+    sum((x, y) => (x - centreX) * (y - centreY)),
+    sum((_, y) => (y - centreY) ** 2),
+  ].map((moment) => moment / (part.length - 1));
+  const spread = Math.hypot((xx - yy) / 2, xy);
+  const mean = (xx + yy) / 2 + 1 / 12; // a cell is a square itself
+  const angle = Math.atan2(2 * xy, xx - yy) / 2;
+  const [long, short] = [mean + spread, mean - spread].map((variance) => Math.sqrt(3 * variance));
+  const [cos, sin] = [Math.cos(angle), Math.sin(angle)];
+  return [[-1, -1], [1, -1], [1, 1], [-1, 1]].map(([along, across]) => [
+    centreX + 0.5 + along * long * cos - across * short * sin,
+    centreY + 0.5 + along * long * sin + across * short * cos,
+  ]);
+}
+
+/**
+ * Move corners and sides as long as the sum of the log-odds within grows.
+ *
+ * @param {Point[]} outline
+ * @param {Sums} sums
+ */
+function climbed(outline, sums) {
+  let likelihood = within(outline, sums);
+  for (const step of STEPS) {
+    for (let count = 0; count < MOST_MOVES; count++) {
+      const quads = MOVES.map((move) => outline.map(([x, y], at) => /** @type {Point} */ ([
+        x + step * move[at][0], y + step * move[at][1],
+      ])));
+      const likelihoods = quads.map((quad) => (isSound(quad, sums) ? within(quad, sums) : -Infinity));
+      const most = Math.max(...likelihoods);
+      if (!(most > likelihood)) break;
+      likelihood = most;
+      outline = quads[likelihoods.indexOf(most)];
+    }
+  }
+  return { likelihood, outline };
+}
+
+/**
+ * Tell whether a quadrilateral is convex, clockwise, and within the margins.
+ *
+ * @param {Point[]} quad
+ * @param {Sums} sums
+ */
+function isSound(quad, { sums, cols }) {
+  const [right, bottom] = [cols - 1 - BEYOND_CELLS, sums.length / cols - BEYOND_CELLS];
+  return quad.every(([x, y], at) => {
+    if (Math.min(x, y) < -BEYOND_CELLS || x > right || y > bottom) return false;
+    const [[nextX, nextY], [lastX, lastY]] = [quad[(at + 1) & 3], quad[(at + 2) & 3]];
+    return (nextX - x) * (lastY - nextY) - (nextY - y) * (lastX - nextX) > 0;
+  });
+}
+
+/**
+ * Add up a map within a quadrilateral, by the sums of each row up to its sides.
+ *
+ * @param {Point[]} quad - clockwise, in cells
+ * @param {Sums} sums
+ * @returns {number} the sum over the rows whose middle lies within; parts of cells count as such
+ */
+function within(quad, { sums, cols }) {
+  const beyond = sums.length / cols - BEYOND_CELLS;
+  let total = 0;
+  quad.forEach(([x, y], corner) => {
+    const [endX, endY] = quad[(corner + 1) & 3];
+    const end = Math.min(Math.max(y, endY), beyond);
+    let row = Math.max(Math.ceil(Math.min(y, endY) - 0.5), -BEYOND_CELLS);
+    for (; row + 0.5 < end; row++) {
+      const crossing = x + ((row + 0.5 - y) / (endY - y)) * (endX - x);
+      const at = Math.min(Math.max(crossing + BEYOND_CELLS, 0), cols - 1);
+      const left = Math.min(Math.floor(at), cols - 2);
+      const first = (row + BEYOND_CELLS) * cols + left;
+      const upTo = sums[first] + (sums[first + 1] - sums[first]) * (at - left);
+      total += Math.sign(endY - y) * upTo;
+    }
+  });
+  return total;
+}
