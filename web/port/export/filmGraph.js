@@ -1,15 +1,8 @@
-/**
- * The film decoder's ONNX graph, run by onnxruntime-web: plain wasm, one thread. It serves all
- * layouts.
- *
- * The graph comes with the page, so nothing here guards against a stranger's graph as
- * export/film_graph.py does. Where onnxruntime's wasm files lie is set by the page (`ort.env.wasm`).
- */
+/** The film decoder's graph (models/film/decoder.py). It serves all layouts. */
 
 import * as ort from "onnxruntime-web/wasm";
 import { SLOTS } from "../link/observation.js";
-
-ort.env.wasm.numThreads = 1;
+import { Graph } from "./graph.js";
 
 /** @typedef {import("../link/observation.js").Mixture} Mixture */
 
@@ -34,26 +27,8 @@ ort.env.wasm.numThreads = 1;
  * @property {() => Promise<void>} [load]
  */
 
-/** The film decoder; its graph is loaded when it is first needed. */
-export class FilmGraph {
-  /** @type {Promise<ort.InferenceSession> | null} */
-  #session = null;
-
-  /** @param {string | Uint8Array} model - address of the graph's file, or its bytes */
-  constructor(model) {
-    this.model = model;
-  }
-
-  /** Load the graph; later calls wait for the same graph. */
-  async load() {
-    this.#session ??= ort.InferenceSession.create(/** @type {string} */ (this.model), {
-      executionProviders: ["wasm"],
-      graphOptimizationLevel: "basic", // more takes longer to load, and runs no faster in wasm
-      logSeverityLevel: 3, // no warnings, which browsers show as errors
-    });
-    await this.#session;
-  }
-
+/** The film decoder. */
+export class FilmGraph extends Graph {
   /** Load the graph and run it once, for a window in which nothing is seen. */
   async warm() {
     const [length, side, rows] = [8, 32, 8];
@@ -77,22 +52,18 @@ export class FilmGraph {
    * @returns {Promise<Float32Array>} (pairs rows cols,) natural log-likelihood ratios
    */
   async decode({ frames, seen, known, mixture, size }) {
-    await this.load();
     const [length, height, width, rows, cols] = size;
     const { shares, pair, count } = mixture;
     const slots = pair.length / length;
     const pairs = BigInt64Array.from({ length: count }, (_, number) => BigInt(number));
-    const session = /** @type {ort.InferenceSession} */ (await this.#session);
-    const { scores } = await session.run({
+    const inputs = {
       frames: new ort.Tensor("float32", frames, [length, 1, height, width]),
       seen: new ort.Tensor("float32", seen, [length, rows, cols]),
       known: new ort.Tensor("float32", known, [rows, cols]),
       shares: new ort.Tensor("float32", shares, [length, slots, rows, cols]),
       pair: new ort.Tensor("int64", pair, [length, slots]),
       pairs: new ort.Tensor("int64", pairs, [count]),
-    });
-    const found = /** @type {Float32Array} */ (scores.data);
-    if (!found.every(Number.isFinite)) throw new Error("the model returned no valid scores");
-    return found;
+    };
+    return this.run(inputs, "scores");
   }
 }
