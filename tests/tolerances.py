@@ -10,6 +10,8 @@ where the two frames are the same."""
 FILM_SCORE = 0.1
 """Absolute difference between the film decoder's log-likelihood ratios in torch, onnxruntime and
 the page: its rounds are in float32, where differences of 1e-5 in a fit become 0.03 in a score."""
+LOG_ODDS = 1e-3
+"""Absolute difference between the log-odds of a map in Python and on the page."""
 CERTAINTY = 1e-3
 """Absolute difference between a factor found by four Newton steps and by SciPy's bounded search."""
 TWIN_SCORE = 2e-3

@@ -2,11 +2,14 @@
 
 import cv2
 import numpy as np
+import onnx
 import pytest
-from port import Port, same
-from tolerances import OUTLINE_CELLS
+from port import Port, PortError, same
+from tolerances import LOG_ODDS, OUTLINE_CELLS
 
+from export.region_graph import shipped_region_graph
 from link.types import Array
+from models import REGION_GRAPH
 from receiver.locate.quads import upright
 from receiver.pilots.search.regions import outline_regions
 
@@ -46,3 +49,22 @@ def test_displays_are_outlined_as_by_python(port: Port, name: str) -> None:
 def test_nothing_is_outlined_where_nothing_is_likely(port: Port) -> None:
     outlined = port("receiver/pilots/search/regions.js").outlineRegions
     assert outlined(np.full(45 * 80, -1, np.float32), 80) == []
+
+
+@pytest.mark.parametrize("size", [(3, 96, 128), (13, 360, 640), (9, 357, 203)])
+def test_frames_are_mapped_as_by_python(port: Port, size: tuple[int, int, int]) -> None:
+    stills = np.random.default_rng(0).integers(0, 256, size, np.uint8)
+    graph = port("export/regionGraph.js").RegionGraph(REGION_GRAPH.read_bytes())
+    same(graph.logOdds(list(stills)), shipped_region_graph().log_odds(stills), LOG_ODDS)
+
+
+def test_a_map_that_is_not_finite_is_refused(port: Port) -> None:
+    """Weights that are not finite stand for a graph that is damaged on its way."""
+    model = onnx.load(REGION_GRAPH)
+    for weights in model.graph.initializer:
+        if weights.data_type == onnx.TensorProto.FLOAT:
+            infinite = np.full(tuple(weights.dims), np.nan, np.float32)
+            weights.CopyFrom(onnx.numpy_helper.from_array(infinite, weights.name))
+    graph = port("export/regionGraph.js").RegionGraph(model.SerializeToString())
+    with pytest.raises(PortError, match="the model returned no valid log_odds"):
+        graph.logOdds(list(np.zeros((3, 96, 128), np.uint8)))
