@@ -19,9 +19,9 @@ READ = """
 import cv2
 from oorc_receiver import Receiver, read_pair
 from oorc_receiver._checkout.export.runtime import load_session
-from oorc_receiver._checkout.models import FILM_GRAPH, shipped_graphs
+from oorc_receiver._checkout.models import FILM_GRAPH, REGION_GRAPH, shipped_graphs
 
-for graph in (*shipped_graphs().values(), FILM_GRAPH):
+for graph in (*shipped_graphs().values(), FILM_GRAPH, REGION_GRAPH):
     load_session(graph, 2, 60)
 film, receiver, frames, texts = cv2.VideoCapture("film.avi"), Receiver(30), [], []
 while (frame := film.read()[1]) is not None:

@@ -96,7 +96,7 @@ def test_the_wheel_has_one_import_name_and_takes_nothing_from_the_checkout() -> 
                     assert {node.module, f"{node.module}.__init__"} & modules, node.module
     foreign = taken - set(sys.stdlib_module_names)
     assert foreign - {"oorc_receiver", "numpy", "cv2", "onnxruntime"} == {"PIL"}  # for a command
-    assert sum(path.endswith(".onnx") for path in files) == len(PRESETS) + 1  # and of films
+    assert sum(path.endswith(".onnx") for path in files) == len(PRESETS) + 2  # films, regions
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ from hatchling.builders.wheel import WheelBuilder
 from link import __version__
 from link.images import write_bytes
 from link.modules import ROOT, imported_modules, module_file
-from models import FILM_GRAPH, shipped_graphs
+from models import FILM_GRAPH, REGION_GRAPH, shipped_graphs
 from web.package.schema import events_schema
 
 NAME = "oorc_receiver"
@@ -74,7 +74,7 @@ def package_files() -> dict[str, bytes]:
     for module in sorted(modules):
         file = module_file(module)
         files[f"{inside}/{file.relative_to(ROOT).as_posix()}"] = rewritten(file)
-    for graph in (*shipped_graphs().values(), FILM_GRAPH):
+    for graph in (*shipped_graphs().values(), FILM_GRAPH, REGION_GRAPH):
         files[f"{inside}/{graph.relative_to(ROOT).as_posix()}"] = graph.read_bytes()
     return files
 
