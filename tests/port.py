@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from link.layout import Layout
+from models import FILM_GRAPH, REGION_GRAPH
 from web.host.site import WEB
 from web.host.tables import layout_table
 
@@ -135,6 +136,14 @@ class Remote:
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Remote) and self._place == other._place
+
+
+def page_graphs(port: Port) -> dict[str, Any]:
+    """The graphs that a receiver of the page runs, loaded."""
+    film = port("export/filmGraph.js").FilmGraph(FILM_GRAPH.read_bytes())
+    region = port("export/regionGraph.js").RegionGraph(REGION_GRAPH.read_bytes())
+    region.warm()
+    return {"film": film, "region": region}
 
 
 def encoded(value: Any) -> Any:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import cases
 from pilot_films import filmed
-from port import Port, same
+from port import Port, page_graphs, same
 from test_web_clock import numbers_of
 from tolerances import (
     CLOCKS_APART,
@@ -164,8 +164,7 @@ def test_a_coded_film_is_read_with_its_clock(port: Port) -> None:
     decoder = Decoder(GRAPH, threads=1, time_limit_s=60)
     decoder.layout = LAYOUT
     receiver = Receiver([decoder], FPS, FilmGraph(FILM_GRAPH, 1))
-    film = port("export/filmGraph.js").FilmGraph(FILM_GRAPH.read_bytes())
-    ported = port("receiver/receiver.js").Receiver([LAYOUT], film, FPS)
+    ported = port("receiver/receiver.js").Receiver([LAYOUT], page_graphs(port), FPS)
     known, found = {}, {}
     for number, image in enumerate(images[::2]):
         for reader, pairs in ((receiver, known), (ported, found)):

@@ -311,7 +311,8 @@ def test_nothing_is_wider_than_the_window(browser, short_film) -> None:
 def test_a_phone_loads_no_more_than_promised(site) -> None:
     """Or `build_site` would have refused; all files but the service worker are kept for offline."""
     files = {file.relative_to(site).as_posix() for file in site.rglob("*") if file.is_file()}
-    assert {"index.html", "worker.js", "models/film.onnx", "licences.txt"} <= files
+    graphs = {"models/film.onnx", "models/region.onnx"}
+    assert {"index.html", "worker.js", "licences.txt", *graphs} <= files
     worker = (site / "serviceWorker.js").read_text()
     assert all(name in worker for name in files - {"serviceWorker.js"})
 

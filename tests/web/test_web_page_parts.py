@@ -16,7 +16,7 @@ from web_films import gray
 
 from link.errors import InputError
 from link.presets import PRESETS
-from models import FILM_GRAPH
+from models import FILM_GRAPH, REGION_GRAPH
 from web.host import site
 from web.host.site import WEB
 
@@ -67,14 +67,15 @@ def test_the_page_has_no_script_or_style_in_its_text(name):
 
 
 @pytest.mark.slow
-def test_the_page_gets_the_film_graph_and_every_layout_that_it_reads(tmp_path):
+def test_the_page_gets_the_graphs_and_every_layout_that_it_reads(tmp_path):
     site.write_inputs(tmp_path)
     tables = json.loads((tmp_path / site.MARK).read_text())
     assert {table["name"] for table in tables} == {"hidden", "fast", "robust"}
     for table in tables:
         pilots = PRESETS[table["name"]].layout.pilot_blocks
         assert table["layout"]["pilot_blocks"] == pilots.tolist()
-    assert (tmp_path / "models/film.onnx").read_bytes() == FILM_GRAPH.read_bytes()
+    for name, graph in {"film": FILM_GRAPH, "region": REGION_GRAPH}.items():
+        assert (tmp_path / f"models/{name}.onnx").read_bytes() == graph.read_bytes()
 
 
 def test_the_icon_is_the_same_in_both_files():

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pilot_films import FINE, OTHER, filmed
-from port import Port
+from port import Port, page_graphs
 from tolerances import PILOTS_FOUND_PX
 
 from link.types import Image
@@ -34,9 +34,8 @@ def test_page_finds_what_python_finds(port: Port, is_still: bool) -> None:
     hold, pan = (10**6, 0.0) if is_still else (2, 3.0)
     images, truth = filmed(FINE, 26 if is_still else 40, seed=1, hold=hold, pan=pan)
     known = first_found(PilotSearch(layouts, FPS), images)
-    found = first_found(
-        port("receiver/pilots/search/pilotSearch.js").PilotSearch(layouts, FPS), images
-    )
+    search = port("receiver/pilots/search/pilotSearch.js").PilotSearch
+    found = first_found(search(layouts, page_graphs(port)["region"], FPS), images)
     assert (found is None) == (known is None) == is_still
     if known is None or found is None:
         return

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import tolerances as within
 from pilot_films import TEXT, robust_film
-from port import same
+from port import page_graphs, same
 
 from export.film_graph import FilmGraph
 from export.runtime import Decoder
@@ -108,8 +108,7 @@ def test_a_film_is_read_as_by_python(port):
     frames = [(number / 30, image, corners) for number, (image, corners) in both]
     decoder = Decoder(MODEL, threads=1, time_limit_s=60)
     receiver = Receiver([decoder], 30.0, FilmGraph(FILM_GRAPH, 1))
-    film_graph = port("export/filmGraph.js").FilmGraph(FILM_GRAPH.read_bytes())
-    ported = port("receiver/receiver.js").Receiver([decoder.layout], film_graph, 30)
+    ported = port("receiver/receiver.js").Receiver([decoder.layout], page_graphs(port), 30)
     known, message = read(receiver, frames, "state_hz")
     found, page_message = read(ported, frames, "stateHz")
     assert page_message.text == message.data.decode() == TEXT.decode()

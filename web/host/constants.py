@@ -29,6 +29,7 @@ SHARED = [
     for place in (
         "link/[a-z]*",
         "link/*/*",
+        "export/region_graph",
         "models/film/window",
         "models/pairwise",
         "receiver/**/*",

@@ -23,7 +23,7 @@ from link.files.lock import locked
 from link.files.together import lent_folder
 from link.images import write_bytes, write_image
 from link.presets import PRESETS
-from models import FILM_GRAPH
+from models import FILM_GRAPH, REGION_GRAPH
 from models.film.window import reads_films
 from sender.compact import TEMPLATE
 from web.host.constants import write_constants
@@ -160,13 +160,14 @@ def write_inputs(folder: Path) -> None:
 
 
 def write_presets(folder: Path) -> None:
-    """Write the film decoder's graph, layouts that it reads, and all presets as they are sent."""
+    """Write the graphs, layouts that the film decoder reads, and all presets as they are sent."""
     tables = [
         {"name": name, "layout": layout_table(preset.layout)}
         for name, preset in PRESETS.items()
         if reads_films(preset.layout)
     ]
-    write_bytes(folder / "models/film.onnx", FILM_GRAPH.read_bytes())
+    for graph in (FILM_GRAPH, REGION_GRAPH):
+        write_bytes(folder / "models" / graph.name, graph.read_bytes())
     write_bytes(folder / MARK, json.dumps(tables, separators=(",", ":")).encode())
     sent = [send_preset(name, preset) for name, preset in PRESETS.items()]
     write_bytes(folder / "send.json", json.dumps(sent).encode())

@@ -9,6 +9,7 @@
 import * as ort from "onnxruntime-web/wasm";
 import { images, imagesVideo, placement, presets as known } from "../generated/constants.js";
 import { FilmGraph } from "../port/export/filmGraph.js";
+import { RegionGraph } from "../port/export/regionGraph.js";
 import { fitPicture } from "../port/image/fit.js";
 import { loadOpenCv } from "../port/image/opencv.js";
 import { Verifier } from "../port/link/code/authenticate.js";
@@ -68,8 +69,8 @@ const layouts = new Map();
  * @type {Map<string, { preset: import("../port/sender/loop.js").SendPreset, offsets: Uint8Array }>}
  */
 const shown = new Map();
-/** Decodes windows of film, once it is loaded. @type {FilmGraph} */
-let film;
+/** The graphs, once they are loaded. @type {import("../port/receiver/receiver.js").Graphs} */
+let graphs;
 
 /**
  * Load what receivers and states need, once.
@@ -110,7 +111,10 @@ async function loadFrom(folder) {
   for (const preset of sent) {
     shown.set(preset.name, { preset, offsets: await unpacked(preset.loop.offsets, 3) });
   }
-  film ??= new FilmGraph(await read("models/film.onnx"));
+  graphs ??= {
+    film: new FilmGraph(await read("models/film.onnx")),
+    region: new RegionGraph(await read("models/region.onnx")),
+  };
 }
 
 /** Reads messages from the frames of a camera that films a display. */
@@ -156,7 +160,7 @@ export class Receiver {
     if (key === null && maxAgeS !== null) {
       throw new InputError("argument", "maxAgeS: only a message with a key has an age; give a key");
     }
-    this.#receiver = new FrameReceiver(wanted, film, fps, frameMs);
+    this.#receiver = new FrameReceiver(wanted, graphs, fps, frameMs);
     const verifier = coded("argument", () => key && new Verifier(key, maxAgeS));
     this.#inbox = new Inbox(verifier);
     this.#scores = scores;
@@ -313,7 +317,7 @@ export function hiddenStates(picture, message, options = {}) {
 
 /** @throws {InputError} the package is not loaded */
 function checkLoaded() {
-  if (!film) throw new InputError("load", "await load() before anything else");
+  if (!graphs) throw new InputError("load", "await load() before anything else");
 }
 
 /**

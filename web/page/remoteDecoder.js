@@ -1,4 +1,4 @@
-/** The film decoder, whose graph runs in another worker (decoding.js). */
+/** The graphs, which run in another worker (decoding.js). */
 
 import { wrap } from "comlink";
 
@@ -6,11 +6,11 @@ import { wrap } from "comlink";
 /** @import { Decoding } from "./decoding.js" */
 
 /**
- * Start the worker that runs the graph.
+ * Start the worker that runs the graphs.
  *
  * @param {string} address - of its program
- * @returns {{ decoding: Remote<Decoding>, ready: Promise<void> }} the decoder of windows, and what
- *   resolves when it can decode and is rejected where it never will
+ * @returns {{ decoding: Remote<Decoding>, ready: Promise<void> }} what runs the graphs, and what
+ *   resolves when it can do so and is rejected where it never will
  */
 export function startDecoding(address) {
   const worker = new Worker(address, { type: "module" });

@@ -20,10 +20,10 @@ import { MAX_RECORDED_BYTES, recordingFile } from "./recording.js";
 import { startDecoding } from "./remoteDecoder.js";
 import { addressOf, load } from "./site.js";
 
-/** @import { WindowDecoder } from "../port/export/filmGraph.js" */
 /** @import { Pixels } from "./frames.js" */
 /** @import { Step } from "./protocol.js" */
 /** @import { Message } from "../port/link/code/message.js" */
+/** @import { Graphs } from "../port/receiver/receiver.js" */
 /** @import { WarmFilm } from "../port/receiver/warm.js" */
 
 /** Time after which getting ready ends, milliseconds; what is not compiled by then is so later. */
@@ -31,8 +31,8 @@ const WARM_MS = 800;
 
 /** Name of the preset, by its layout. @type {Map<Layout, string>} */
 const presets = new Map();
-/** Decodes windows of film, once it is loaded. @type {WindowDecoder} */
-let filmScorer;
+/** The graphs, which another worker runs. @type {Graphs} */
+let graphs;
 /** Film that is read to get ready; null before it is loaded. @type {WarmFilm | null} */
 let warmFilm = null;
 
@@ -74,8 +74,8 @@ const recording = {
 
 /** Why graphs cannot be run, or null where nothing speaks against it. @type {unknown} */
 let undecodable = null;
-/** Resolves when the film decoder can run, or never will. */
-let graphs = Promise.resolve();
+/** Resolves when the graphs can run, or never will. */
+let graphsReady = Promise.resolve();
 
 /** Functions of this worker that the page may call. @typedef {typeof functions} Reading */
 const functions = {
@@ -86,7 +86,7 @@ const functions = {
   warm: () =>
     inTurn(async () => {
       if (warmFilm) await warmUp(warmFilm, WARM_MS);
-      await graphs;
+      await graphsReady;
     }),
 
   /**
@@ -144,8 +144,8 @@ const functions = {
 /** Load what reading needs, but for the graphs, which are loaded beside. */
 async function loadAll() {
   const { decoding, ready } = startDecoding(addressOf("decoding.js"));
-  graphs = ready.catch((error) => void (undecodable = error)); // the next frame tells
-  filmScorer = decoding;
+  graphsReady = ready.catch((error) => void (undecodable = error)); // the next frame tells
+  graphs = { film: decoding, region: decoding };
   const [table, { layout, width, height }, levels] = await Promise.all([
     ...["presets.json", "warm.json"].map(async (name) => (await load(name)).json()),
     load("warm/states.bin").then(async (file) => new Uint8Array(await file.arrayBuffer())),
@@ -168,7 +168,7 @@ async function planeOf({ frame, rotation = 0, rgba }) {
 function start(fps, key, maxAgeS, isCamera) {
   film.fps = fps;
   film.scores = null;
-  film.receiver = new Receiver([...presets.keys()], filmScorer, fps, isCamera ? FRAME_MS : Infinity, isCamera);
+  film.receiver = new Receiver([...presets.keys()], graphs, fps, isCamera ? FRAME_MS : Infinity, isCamera);
   const isSame = key && judge.key && equalBytes(key, judge.key) && maxAgeS === judge.maxAgeS;
   if (!isSame) Object.assign(judge, { key, maxAgeS, verifier: key && new Verifier(key, maxAgeS) });
   film.inbox = new Inbox(judge.verifier);

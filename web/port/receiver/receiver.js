@@ -14,7 +14,13 @@ import { Rests } from "./rests.js";
 import { Sight, StageTimes } from "./sight.js";
 import { PilotTracker } from "./tracking/pilots.js";
 
-/** @typedef {import("../export/filmGraph.js").WindowDecoder} WindowDecoder */
+/**
+ * What a receiver has graphs for: to decode windows of film, and to map where displays toggle.
+ *
+ * @typedef {object} Graphs
+ * @property {import("../export/filmGraph.js").WindowDecoder} film
+ * @property {import("../export/regionGraph.js").RegionMapper} region
+ */
 /** @typedef {import("./reading/reader.js").Reading} Reading */
 /** @typedef {import("./tracking/pilots.js").Tracked} Tracked */
 
@@ -41,6 +47,8 @@ export class Receiver {
   #readers;
   /** @type {DisplayReader} */
   #reader;
+  /** Why a map could not be made, until that is told. @type {unknown} */
+  #unmapped = null;
   /** Whether a display is followed. */
   #isFollowing = false;
   /** Number of frame pairs decoded when information of a message last came. */
@@ -48,14 +56,14 @@ export class Receiver {
 
   /**
    * @param {Layout[]} layouts - that are looked for
-   * @param {WindowDecoder} film - decodes windows of film
+   * @param {Graphs} graphs
    * @param {number} [fps] - nominal number of frames of the camera in a second
    * @param {number} [frameMs] - time, in milliseconds, after which a search begins no step with a
    *   frame, for a camera that does not wait
    * @param {boolean} [mayRest] - whether frames may be passed over where no display has been seen for
    *   long (`Rests`)
    */
-  constructor(layouts, film, fps = 30, frameMs = Infinity, mayRest = false) {
+  constructor(layouts, { film, region }, fps = 30, frameMs = Infinity, mayRest = false) {
     if (layouts.length === 0) throw new Error("layouts: need at least one");
     /** Time spent in each stage so far. */
     this.timing = new StageTimes();
@@ -65,7 +73,15 @@ export class Receiver {
     this.frames = 0;
     this.#fps = fps;
     this.#rests = mayRest ? new Rests() : null;
-    this.#tracker = new PilotTracker(layouts, fps, frameMs);
+    /** @type {Graphs["region"]} */
+    const mapper = {
+      logOdds: (stills) =>
+        region.logOdds(stills).catch((error) => {
+          this.#unmapped = error;
+          return new Float32Array(0); // the search goes on without regions
+        }),
+    };
+    this.#tracker = new PilotTracker(layouts, mapper, fps, frameMs);
     const readers = layouts.map(
       (layout) => new DisplayReader(layout, film, fps, this.timing, this.#sight),
     );
@@ -124,13 +140,15 @@ export class Receiver {
   }
 
   /**
-   * Take the next camera frame, once the one before is done with.
+   * Take the next camera frame, once the one before is done with. The promise is rejected, and the
+   * frame not looked at, where a map of an earlier one could not be made.
    *
    * @param {BytePlane} frame - gray; a search may keep it, so it must not change afterwards
    * @param {number} time - of the frame, seconds; rising from frame to frame
    * @returns {Promise<ReceiverStep>}
    */
   async push(frame, time) {
+    this.#tell();
     if (Math.min(frame.width, frame.height) < MIN_SIDE_PX) {
       throw new Error(`frames must have ${MIN_SIDE_PX} px or more along each side`);
     }
@@ -152,6 +170,13 @@ export class Receiver {
     const shift = this.#reader.shift();
     if (shift !== null) this.#tracker.correct(shift);
     return { tracked, ...reading };
+  }
+
+  /** Throw why a map could not be made, once. */
+  #tell() {
+    const unmapped = this.#unmapped;
+    this.#unmapped = null;
+    if (unmapped) throw unmapped;
   }
 
   /**
@@ -196,6 +221,7 @@ export class Receiver {
    * @returns {Promise<ReceiverStep>}
    */
   async finish() {
+    this.#tell();
     return { tracked: null, ...(await this.#reader.finish()) };
   }
 }

@@ -33,7 +33,8 @@ const NOISE = 3;
  */
 export async function warmUp({ layout, states }, mostMs = Infinity) {
   const end = performance.now() + mostMs;
-  const receiver = new Receiver([layout], { decode: guesses }, WARM_FPS);
+  const graphs = { film: { decode: guesses }, region: { logOdds: async () => new Float32Array(0) } };
+  const receiver = new Receiver([layout], graphs, WARM_FPS);
   for (let state = 0; state < FRAMES && receiver.decoded < DECODED; state++) {
     if (performance.now() >= end) break;
     const [, embedded] = layout.code.statesOf(state >> 1);

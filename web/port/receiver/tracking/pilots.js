@@ -44,11 +44,12 @@ export class PilotTracker {
 
   /**
    * @param {Layout[]} layouts - those that are looked for, at least one, each with pilots
+   * @param {import("../pilots/search/proposals.js").RegionMapper} mapper - maps where displays toggle
    * @param {number} fps - nominal number of frames of the camera in a second
    * @param {number} [frameMs] - time after which the search begins no step (`PilotSearch`)
    */
-  constructor(layouts, fps, frameMs) {
-    this.#search = new PilotSearch(layouts, fps, frameMs);
+  constructor(layouts, mapper, fps, frameMs) {
+    this.#search = new PilotSearch(layouts, mapper, fps, frameMs);
     this.fps = fps;
     this.#follower = new Follower(layouts[0]);
   }

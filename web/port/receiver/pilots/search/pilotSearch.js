@@ -70,15 +70,17 @@ export class PilotSearch {
 
   /**
    * @param {readonly Layout[]} layouts - those that are looked for, at least one, each with pilots
+   * @param {import("./proposals.js").RegionMapper} mapper - maps where displays toggle
    * @param {number} [fps] - nominal number of frames of the camera in a second; some may be missing
    * @param {number} [frameMs] - time after which no step is begun with a frame of a camera that does
    *   not wait, milliseconds, such as `FRAME_MS`
    */
-  constructor(layouts, fps = 30, frameMs = Infinity) {
+  constructor(layouts, mapper, fps = 30, frameMs = Infinity) {
     if (layouts.length === 0 || layouts.some((layout) => layout.pilotBlocks.length === 0)) {
       throw new Error("layouts: need at least one, each with pilots");
     }
     this.layouts = [...layouts];
+    this.mapper = mapper;
     this.fps = fps;
     this.frameMs = frameMs;
   }
@@ -144,7 +146,7 @@ export class PilotSearch {
     const moves = this.pictureMoves || this.#windows.some(({ isDoubtful }) => isDoubtful);
     const watch = new Watch(gray, time, this.fps, moves, number > 0 ? 2 : 1);
     const isAlone = this.#windows.length === 0;
-    this.#windows.push(new WindowSearch(watch, this.layouts, turns, isAlone));
+    this.#windows.push(new WindowSearch(watch, this.layouts, this.mapper, turns, isAlone));
     this.pictureMoves = false;
   }
 

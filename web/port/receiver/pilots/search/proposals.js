@@ -1,17 +1,19 @@
 /** Where a display may be, what it may show, and how surely its pilots toggle there. */
 
 import {
-  receiverPilotsSearchProposals, receiverPilotsSearchWatch,
+  exportRegionGraph, receiverPilotsSearchProposals, receiverPilotsSearchWatch,
 } from "../../../../generated/constants.js";
 import { equalised, withoutDetails } from "../../../image/levels.js";
 import { candidateSteps, leavingSteps } from "../../locate/candidates.js";
-import { distinct, rolled } from "../../locate/quads.js";
+import { distinct, rolled, upright } from "../../locate/quads.js";
 import { movedCorners } from "../motion.js";
 import { expectedChanges, picked, pilotValues, standingOut } from "../../../link/pilots.js";
 import { Wave, findToggling } from "../toggling.js";
 import { withoutBars } from "./bars.js";
 import { COARSE_SIZE, coarseShift, roughSeries, shiftedTogglings } from "./parts.js";
+import { CELL_PX, outlineRegions } from "./regions.js";
 
+/** @typedef {import("../../../export/regionGraph.js").RegionMapper} RegionMapper */
 /** @typedef {import("../toggling.js").Toggling} Toggling */
 /** @typedef {import("./film.js").HeldFrame} HeldFrame */
 /** @typedef {import("./watch.js").Watch} Watch */
@@ -30,6 +32,8 @@ const BARS_WORK = 5;
 /** Units of work of a layout's fit, and of rough maps. */
 const FIT_WORK = 4;
 const ROUGH_WORK = 2;
+/** Units of work of outlining what a map shows. */
+const OUTLINE_WORK = 8;
 
 /**
  * Where a display may be: corners in the reference frame, the displayed picture's top left first;
@@ -94,6 +98,7 @@ export class Proposer {
    */
   partlySeen = [];
   #layouts;
+  #mapper;
   #viewSize;
   /** Frequencies at which displays may toggle, in periods for each nominal frame. */
   #frequencies;
@@ -106,10 +111,12 @@ export class Proposer {
   /**
    * @param {Watch} watch - the film
    * @param {readonly Layout[]} layouts - those that may be shown
+   * @param {RegionMapper} mapper
    */
-  constructor(watch, layouts) {
+  constructor(watch, layouts, mapper) {
     this.#watch = watch;
     this.#layouts = layouts;
+    this.#mapper = mapper;
     const grids = layouts.map(({ cols, rows }) => [cols, rows]);
     this.#viewSize = [VIEW_SIZE, ...grids].reduce((most, [cols, rows]) =>
       cols * rows > most[0] * most[1] ? [cols, rows] : most,
@@ -134,6 +141,26 @@ export class Proposer {
     yield BARS_WORK;
     const leaving = this.partlySeen.slice(0, LEAVING);
     return [...strongest, ...leaving, ...kept.map((at) => pictures[at])];
+  }
+
+  /**
+   * Propose quadrilaterals that bound what toggles, whatever edges the display has. The map of it is
+   * awaited, whatever number of frames that takes.
+   *
+   * @returns {Steps<Point[][]>} the likeliest first, each to some blocks
+   */
+  *regions() {
+    const { frames, width, height } = this.#watch.stills;
+    if (Math.min(width, height) < exportRegionGraph.LEAST_PX) return [];
+    let logOdds = /** @type {Float32Array | null} */ (null);
+    void this.#mapper.logOdds(frames).then((found) => (logOdds = found));
+    while (logOdds === null) yield NEXT_FRAME;
+    const outlines = outlineRegions(logOdds, Math.floor(width / CELL_PX));
+    yield OUTLINE_WORK;
+    return outlines.map((outline) => {
+      const onStill = outline.map(([x, y]) => /** @type {Point} */ ([CELL_PX * x - 0.5, CELL_PX * y - 0.5]));
+      return this.#watch.onImage(upright(onStill));
+    });
   }
 
   /**

@@ -30,6 +30,11 @@ export class Stills {
     this.#copies.push(new Copies(still));
   }
 
+  /** All frames so far. */
+  get frames() {
+    return [...this.#stills];
+  }
+
   /**
    * Average all frames so far; what is behind the point is dropped.
    *

@@ -1,9 +1,9 @@
 /**
  * Look for a display in one window of a film: the frames that follow a reference frame.
  *
- * Edges propose where the display may be. Corners then move to where the pilots fit the grid, and the
- * display is believed if its blocks toggle with the pilots' signs beyond doubt (`settle.js`). That also
- * tells which way up it is and which of several grids it shows.
+ * Edges propose where the display may be, and what a map of toggling outlines. Corners then move to
+ * where the pilots fit the grid, and the display is believed if its blocks toggle with the pilots' signs
+ * beyond doubt (`settle.js`). That also tells which way up it is and which of several grids it shows.
  */
 
 import { receiverPilotsSearchWindowSearch } from "../../../../generated/constants.js";
@@ -14,6 +14,7 @@ import {
 import { HINT, settleSteps } from "./settle.js";
 
 /** @typedef {import("./proposals.js").Proposal} Proposal */
+/** @typedef {import("./proposals.js").RegionMapper} RegionMapper */
 /** @typedef {import("./settle.js").Settled} Settled */
 /** @typedef {import("./watch.js").Watch} Watch */
 
@@ -27,6 +28,8 @@ export class WindowSearch {
   #proposer;
   #isAlone;
   #turns;
+  /** The same, upright and upside down. */
+  #everyTurn;
   /** Quadrilaterals of faint edges. @type {Point[][]} */
   #faint = [];
   /** Largest evidence of a quadrilateral so far, before it pays. */
@@ -41,14 +44,16 @@ export class WindowSearch {
   /**
    * @param {Watch} watch - the film, of which the reference frame has come
    * @param {readonly Layout[]} layouts - those that may be shown
+   * @param {RegionMapper} mapper - maps where displays toggle
    * @param {readonly number[]} turns - quarter turns after which quadrilaterals are tried that are
    *   proposed late
    * @param {boolean} isAlone - whether no other window is searched while the frames come
    */
-  constructor(watch, layouts, turns, isAlone) {
+  constructor(watch, layouts, mapper, turns, isAlone) {
     this.watch = watch;
-    this.#proposer = new Proposer(watch, layouts);
+    this.#proposer = new Proposer(watch, layouts, mapper);
     this.#turns = turns;
+    this.#everyTurn = turns.flatMap((turn) => [turn, turn + 2]);
     this.#isAlone = isAlone;
     /** Steps of the search, each with the frames that have come so far. */
     this.steps = this.#allSteps();
@@ -94,7 +99,8 @@ export class WindowSearch {
   /**
    * Look for the display in the film that follows the reference.
    *
-   * While frames are awaited, faint edges are glanced at, and the pilots are fitted to quadrilaterals
+   * After the first glance at edges, and once the window is late, the pilots are fitted to what a map
+   * of toggling outlines. While frames are awaited, faint edges are glanced at, and the pilots are fitted to quadrilaterals
    * that may bound a display of which a part is in view; beside another window, which has the time,
    * this comes at the end.
    *
@@ -118,20 +124,22 @@ export class WindowSearch {
           if (found !== null) return found;
         }
       }
+      const isFirst = seen === 0;
       seen = watch.frames.length;
-      const found = yield* this.#glance(edges, seen);
+      const found = (yield* this.#glance(edges, seen)) ?? (isFirst ? yield* this.#fitRegions() : null);
       if (found !== null) return found;
     }
     const again = yield* this.#glance(this.#faint);
     if (again !== null) return again;
     this.isLate = true;
+    const bounded = yield* this.#fitRegions();
+    if (bounded !== null) return bounded;
     for (const trial of aside) {
       const found = yield* trial;
       if (found !== null) return found;
     }
-    const everyTurn = this.#turns.flatMap((turn) => [turn, turn + 2]);
     const strongest = [...edges.slice(0, STRONGEST), ...this.#faint.slice(0, 1)];
-    return yield* this.#fit(strongest, everyTurn);
+    return yield* this.#fit(strongest, this.#everyTurn);
   }
 
   /**
@@ -154,6 +162,16 @@ export class WindowSearch {
     const quads = yield* finding;
     this.#faint.push(...quads);
     return yield* this.#glance(quads);
+  }
+
+  /**
+   * Fit the pilots to what bounds that which toggles in the frames so far.
+   *
+   * @returns {Steps<Settled | null>}
+   */
+  *#fitRegions() {
+    const quads = yield* this.#proposer.regions();
+    return (yield* this.#glance(quads)) ?? (yield* this.#fit(quads, this.#everyTurn));
   }
 
   /**
