@@ -4,11 +4,14 @@ import cv2
 import numpy as np
 import onnx
 import pytest
-from port import Port, PortError, same
+from pilot_films import TEXT, filmed, robust_film
+from port import Port, PortError, page_graphs, same
 from tolerances import LOG_ODDS, OUTLINE_CELLS
 
 from export.region_graph import shipped_region_graph
-from link.types import Array
+from link.code.framing import encode
+from link.presets import PRESETS
+from link.types import Array, Image
 from models import REGION_GRAPH
 from receiver.locate.quads import upright
 from receiver.pilots.search.regions import outline_regions
@@ -68,3 +71,40 @@ def test_a_map_that_is_not_finite_is_refused(port: Port) -> None:
     graph = port("export/regionGraph.js").RegionGraph(model.SerializeToString())
     with pytest.raises(PortError, match="the model returned no valid log_odds"):
         graph.logOdds(list(np.zeros((3, 96, 128), np.uint8)))
+
+
+def behind_a_lattice(images: list[Image]) -> list[Image]:
+    """Frames through a pane with sixty bright rectangles, whose edges are the clearest."""
+    rng, lattice = np.random.default_rng(0), np.zeros(images[0].shape, np.uint8)
+    for left, top, width, height in rng.integers((0, 0, 30, 30), (560, 420, 290, 230), (60, 4)):
+        cv2.rectangle(lattice, (left, top), (left + width, top + height), 255, 2)
+    return [np.maximum(image, lattice) for image in images]
+
+
+@pytest.mark.slow
+def test_a_display_is_read_whose_edges_are_lost_among_others(port: Port) -> None:
+    layout = PRESETS["robust"].layout
+    images, _ = filmed(layout, 90, seed=2, message=encode(TEXT, layout.n_bits))
+    receiver = port("receiver/receiver.js").Receiver([layout], page_graphs(port), 30)
+    frames = enumerate(behind_a_lattice(images))
+    found = (receiver.push(image, number / 30).message for number, image in frames)
+    assert next(message for message in found if message is not None).text == TEXT.decode()
+
+
+@pytest.mark.slow
+def test_a_map_that_fails_is_told_once_and_the_search_goes_on(port: Port) -> None:
+    layout = PRESETS["robust"].layout
+    damaged = port("export/regionGraph.js").RegionGraph(b"none")
+    graphs = {**page_graphs(port), "region": damaged}
+    receiver = port("receiver/receiver.js").Receiver([layout], graphs, 30)
+    still, failures = filmed(layout, 16, seed=3, hold=10**6)[0], []
+    for number, image in enumerate([*still, *robust_film(40)[0]]):
+        try:
+            step = receiver.push(image, number / 30)
+        except PortError as error:
+            failures.append(str(error))
+        else:
+            if step.tracked is not None:
+                break
+    assert step.tracked is not None
+    assert len(failures) == 1 and "protobuf" in failures[0]
