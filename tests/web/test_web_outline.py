@@ -8,10 +8,9 @@ from pilot_films import CORNERS, FINE, texture
 from port import Port, same
 from tolerances import CORNERS_PX, FLOAT64, FOLLOWED_PX, PROFILE_LEVELS, SAME_PX
 
-from link.geometry import frame_corners, homography_from_corners, transform
+from link.geometry import homography_from_corners, transform
 from link.types import Array, Floats, Image
 from receiver.pilots.outline import Border, Outline, border_profiles
-from receiver.pilots.search.bars import without_bars
 from receiver.pilots.search.film import APART, VOTES, HeldFrame, MovingOutline, Surrounded
 from receiver.pilots.search.watch import Watch
 from receiver.tracking.follow import Follower
@@ -132,30 +131,6 @@ def test_followers_notice_that_pictures_move(pan: float, port: Port) -> None:
         ported.advance(found.corners)
     assert follower._picture_moves == (pan > 0)
     assert np.abs(step[0] - corners[-1]).max() < FOLLOWED_PX
-
-
-def test_the_picture_is_found_within_bars(port: Port) -> None:
-    """Between bars, of which one may reflect a lamp; without bars, and without a picture."""
-    images, _ = moving_film(0.0)
-    letterboxed, (width, height) = images[0].copy(), (FINE.width, FINE.height)
-    H = homography_from_corners(CORNERS, width, height)
-    inner = transform(H, frame_corners(width, height / 2) + np.array([0, height / 4]))
-    for bar in ([*CORNERS[:2], *inner[1::-1]], [*inner[:1:-1], *CORNERS[2:]]):
-        cv2.fillConvexPoly(letterboxed, np.array(bar).round().astype(int), 16)
-    ported = port("receiver/pilots/search/bars.js").withoutBars
-    y, x = np.indices(letterboxed.shape)
-    lamp = CORNERS[:2].mean(axis=0)
-    glow = 60 * np.exp(-((x - lamp[0]) ** 2 + (y - lamp[1]) ** 2) / 2 / 60**2)
-    glows = np.clip(letterboxed + glow, 0, 255).astype(np.uint8)
-    off = []
-    for gray in (images[0], letterboxed, glows, np.full_like(letterboxed, 16)):
-        pictures = without_bars(gray, CORNERS)
-        found = ported(gray, CORNERS.tolist())
-        assert len(found) == len(pictures)
-        for each, picture in zip(found, pictures, strict=True):
-            same(each, picture, CORNERS_PX)
-        off.append([bool(np.abs(picture - inner).max() < 3) for picture in pictures])
-    assert off == [[], [True, True], [False, True], []]
 
 
 def test_a_cut_in_the_picture_does_not_end_a_watch(port: Port) -> None:

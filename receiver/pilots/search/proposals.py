@@ -1,25 +1,22 @@
 """Propose where a display may be and what it shows, and measure how surely pilots toggle there."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from math import prod
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from export.region_graph import LEAST_PX, shipped_region_graph
-from link.images import as_gray
 from link.layout import Layout
 from link.pilot_code import PLAIN
 from link.pilots import expected_changes, pilot_values, standing_out
 from link.steps import Steps
 from link.types import Array, Corners, Gray
 from receiver.locate.candidates import display_candidates, leaving_quads
-from receiver.locate.quads import distinct, upright
+from receiver.locate.quads import upright
 from receiver.pilots.motion import moved_corners
-from receiver.pilots.search.bars import without_bars
 from receiver.pilots.search.film import HeldFrame, positions
 from receiver.pilots.search.parts import COARSE_SIZE, coarse_shift, rough_series, shifted_togglings
 from receiver.pilots.search.regions import CELL_PX, outline_regions
@@ -33,13 +30,6 @@ VIEW_SIZE = 128, 96
 """Smallest width and height, in pixels, of the small views in which quadrilaterals are weighed: a
 pixel a block of the preset `fast`, and several a block of coarser grids, so that what moves in a
 neighbouring block hardly counts. Layouts with finer grids have a pixel a block, too."""
-SAME_PLACE = 0.005
-"""Distance of corners, as a share of the image's longer side, below which two quadrilaterals are
-one: less than half a block of a display of a quarter of the image. Chosen by hand."""
-BRIGHT_PX, DARK_PX = 13, 9
-"""Sides of the squares, in pixels of the map of what toggles, below which bright details of the
-picture are taken off before dark ones, and dark ones before bright ones: wider than strokes of
-letters or streets of a map, narrower than the display. Chosen by hand."""
 PARTLY_SEEN = 12
 """Number of quadrilaterals with a corner outside the image that the pilots are fitted to. It bounds
 the work: of 15 simulated displays with a corner or a side outside, 12 had one of the first twelve
@@ -49,8 +39,10 @@ LEAVING = 2
 chosen by hand."""
 STRONGEST = 2
 """Number of quadrilaterals, those of the strongest edges, that the pilots are fitted to once
-all frames have been watched; the strongest one of faint edges is another. It bounds the work;
-chosen by hand."""
+all frames have been watched. It bounds the work; chosen by hand."""
+MAPPED = 24
+"""Largest number of frames, the newest ones, by which it is mapped what toggles. It bounds the
+work; the network learned from no more."""
 STATES_HZ = (15.0, 30.0, 60.0, 120.0)
 """Numbers of states a second at which the pilots of layouts without a code are fitted to
 quadrilaterals that may be far off; where edges bound the display, it is found at any rate. Panels
@@ -112,7 +104,7 @@ class Proposer:
     """Proposes where the display may be in a film, and what it may show.
 
     Quadrilaterals of edges in the reference are weighed coarsely while frames are being watched.
-    Faint edges and the pilots' fit propose others once all have been.
+    Others are outlines of what toggles, and what the pilots' fit makes of a display partly in view.
 
     Args:
         watch: the film, of which the reference frame has come.
@@ -135,14 +127,8 @@ class Proposer:
         reference = self._watch.reference
         strongest = [candidate.corners for candidate in display_candidates(reference, CANDIDATES)]
         yield 2  # it took as long as two other steps
-        gray = as_gray(reference)
-        found = [within for quad in strongest for within in without_bars(gray, quad)]
-        pictures = np.reshape(found, (-1, 4, 2))  # (N, 4, 2), N may be 0
-        same_px = SAME_PLACE * max(gray.shape)
-        kept = distinct(pictures, -np.arange(len(found), dtype=float), CANDIDATES, same_px)
-        yield 1
         self.partly_seen = leaving_quads(reference, PARTLY_SEEN)
-        return [*strongest, *self.partly_seen[:LEAVING], *pictures[kept]]
+        return [*strongest, *self.partly_seen[:LEAVING]]
 
     def regions(self) -> Steps[list[Array]]:
         """Propose quadrilaterals that bound what toggles, whatever edges the display has.
@@ -150,7 +136,7 @@ class Proposer:
         Returns:
             (4, 2) pixels of the reference each, to some blocks, the likeliest first.
         """
-        stills = self._watch.stills.frames
+        stills = self._watch.stills.frames[-MAPPED:]
         if min(stills.shape[1:]) < LEAST_PX:
             return []
         log_odds = shipped_region_graph().log_odds(stills)
@@ -159,23 +145,6 @@ class Proposer:
         yield 1
         quads = upright(np.reshape(outlines, (-1, 4, 2)))  # (N, 4, 2), N may be 0
         return [self._watch.on_image(quad) for quad in quads]
-
-    def faint_edges(self) -> Iterator[list[Array]]:
-        """Propose quadrilaterals in the mean of all frames, which has less noise than a frame.
-
-        Its histogram is made even, which shows the edges of dark pictures. It is looked at as it
-        is, and twice without details, such as letters or a map's streets, whose edges would hide
-        those of the display.
-
-        Yields:
-            quadrilaterals in each of them, (4, 2) pixels of the reference, the strongest first.
-        """
-        mean = np.asarray(self._watch.stills.mean(), np.uint8)
-        bright_first = cv2.MORPH_OPEN, cv2.MORPH_CLOSE
-        for side, ways in ((1, ()), (BRIGHT_PX, bright_first), (DARK_PX, bright_first[::-1])):
-            even = np.asarray(cv2.equalizeHist(_without_details(mean, side, ways)), np.uint8)
-            found = display_candidates(even, CANDIDATES)
-            yield [self._watch.on_image(candidate.corners) for candidate in found]
 
     def weigh_coarsely(
         self, quad: Array, turns: Sequence[int], count: int | None = None
@@ -262,11 +231,3 @@ def _pilots_in(view: Gray, layouts: Sequence[Layout]) -> list[NDArray[np.float32
         blocks = standing_out(view, layout).ravel()
         values += [blocks[layout.pilot_blocks], blocks[::-1][layout.pilot_blocks]]
     return values
-
-
-def _without_details(gray: Gray, side: int, ways: Sequence[int]) -> Gray:
-    """Take details off an image that are smaller than a square, by opening and closing."""
-    square = np.ones((side, side), np.uint8)
-    for way in ways:
-        gray = np.asarray(cv2.morphologyEx(gray, way, square), np.uint8)
-    return gray

@@ -5,7 +5,7 @@ display is detected if its blocks toggle with the pilots' signs (`settle.verify`
 which way up it is and which of several grids it shows.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
@@ -50,7 +50,6 @@ class WindowSearch:
         self, watch: Watch, layouts: Sequence[Layout], turns: Sequence[int], *, is_alone: bool
     ) -> None:
         self.watch, self._turns, self._is_alone = watch, turns, is_alone
-        self._faint: list[Array] = []
         self._proposer = Proposer(watch, layouts)
         self.most_evidence = 0.0
         """Largest evidence of a quadrilateral so far, before the number of trials is taken off."""
@@ -86,16 +85,18 @@ class WindowSearch:
     def _search(self) -> Search:
         """Look for the display in the film that follows the reference.
 
-        Edges are weighed coarsely soon and after each quarter of the window. While frames are
-        awaited then, faint edges are weighed, and the pilots are fitted to quadrilaterals that may
-        bound a display of which a part is in view; beside another window, which has the time, this
-        comes at the end. Once all frames have been watched, faint edges are weighed again, and the
-        pilots are fitted to what may bound a display, if not exactly.
+        Edges are weighed coarsely soon and after each quarter of the window. After the first time,
+        and once all frames have been watched, the pilots are fitted to outlines of what toggles.
+        While frames are awaited, they are fitted to quadrilaterals that may bound a display of
+        which a part is in view; beside another window, which has the time, this comes at the end.
+        Last, they are fitted to the strongest edges, which may bound a display, if not exactly.
         """
         watch, proposer = self.watch, self._proposer
         edges = yield from proposer.edges()
         watch.surround(edges[:SURROUNDED])
-        aside, count, seen = self._aside(), watch.soon, 0
+        every_turn = [turn + half for turn in self._turns for half in (0, 2)]
+        aside = (self._fit([quad], self._turns[:1]) for quad in proposer.partly_seen)
+        count, seen = watch.soon, 0
         while seen < watch.window:
             while len(watch.frames) < min(count, watch.window):
                 trial = next(aside, None) if seen and self._is_alone else None
@@ -108,35 +109,23 @@ class WindowSearch:
             count = seen + watch.window // 4
             if found := (yield from self._weigh_coarsely(edges, seen)):
                 return found
-            if first and (found := (yield from self._fit_regions())):
+            if first and (found := (yield from self._fit_regions(every_turn))):
                 return found
-        if found := (yield from self._weigh_coarsely(self._faint)):
-            return found
         self.is_late = True
-        if found := (yield from self._fit_regions()):
+        if found := (yield from self._fit_regions(every_turn)):
             return found
         for trial in aside:
             yield 1
             if found := (yield from trial):
                 return found
-        every_turn = [turn + half for turn in self._turns for half in (0, 2)]
-        return (yield from self._fit([*edges[:STRONGEST], *self._faint[:1]], every_turn))
+        return (yield from self._fit(edges[:STRONGEST], every_turn))
 
-    def _aside(self) -> Iterator[Search]:
-        """List what is tried while frames are awaited: faint edges, and displays partly in view."""
-        for quads in self._proposer.faint_edges():
-            self._faint += quads
-            yield self._weigh_coarsely(quads)
-        for quad in self._proposer.partly_seen:
-            yield self._fit([quad], self._turns[:1])
-
-    def _fit_regions(self) -> Search:
-        """Fit the pilots to what bounds that which toggles in the frames so far."""
+    def _fit_regions(self, turns: Sequence[int]) -> Search:
+        """Fit the pilots, after quarter turns, to outlines of what toggles in the frames so far."""
         quads = yield from self._proposer.regions()
-        every_turn = [turn + half for turn in self._turns for half in (0, 2)]
         if found := (yield from self._weigh_coarsely(quads)):
             return found
-        return (yield from self._fit(quads, every_turn))
+        return (yield from self._fit(quads, turns))
 
     def _weigh_coarsely(self, quads: Sequence[Array], count: int | None = None) -> Search:
         """Weigh quadrilaterals coarsely, and verify each that is promising.

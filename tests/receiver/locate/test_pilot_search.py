@@ -132,7 +132,7 @@ def test_a_window_that_is_given_up_is_freed_at_once() -> None:
 
 
 @pytest.mark.slow
-def test_finds_a_dark_picture_by_faint_edges() -> None:
+def test_finds_a_dark_picture() -> None:
     find(*filmed(FINE, 48, seed=9, kappa=12.0, night=True), [FINE])
 
 

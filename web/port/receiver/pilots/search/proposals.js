@@ -3,13 +3,11 @@
 import {
   exportRegionGraph, receiverPilotsSearchProposals, receiverPilotsSearchWatch,
 } from "../../../../generated/constants.js";
-import { equalised, withoutDetails } from "../../../image/levels.js";
 import { candidateSteps, leavingSteps } from "../../locate/candidates.js";
-import { distinct, rolled, upright } from "../../locate/quads.js";
+import { rolled, upright } from "../../locate/quads.js";
 import { movedCorners } from "../motion.js";
 import { expectedChanges, picked, pilotValues, standingOut } from "../../../link/pilots.js";
 import { Wave, findToggling } from "../toggling.js";
-import { withoutBars } from "./bars.js";
 import { COARSE_SIZE, coarseShift, roughSeries, shiftedTogglings } from "./parts.js";
 import { CELL_PX, outlineRegions } from "./regions.js";
 
@@ -20,15 +18,13 @@ import { CELL_PX, outlineRegions } from "./regions.js";
 
 export const { STRONGEST, PROMISING } = receiverPilotsSearchProposals;
 const {
-  VIEW_SIZE, CANDIDATES, LEAVING, PARTLY_SEEN, BRIGHT_PX, DARK_PX, STATES_HZ, SAME_PLACE,
+  VIEW_SIZE, CANDIDATES, LEAVING, PARTLY_SEEN, STATES_HZ, MAPPED,
 } = receiverPilotsSearchProposals;
 
 export const { NEXT_FRAME } = receiverPilotsSearchWatch;
 /** Units of work of one frame's view of a display, and of a glance at it. */
 export const VIEW_WORK = 0.6;
 export const GLANCE_WORK = 10;
-/** Units of work of looking for bars within quadrilaterals of edges. */
-const BARS_WORK = 5;
 /** Units of work of a layout's fit, and of rough maps. */
 const FIT_WORK = 4;
 const ROUGH_WORK = 2;
@@ -87,8 +83,8 @@ export const positions = (frames) => frames.map(({ at }) => at);
 
 /**
  * Proposes where the display may be in a film, and what it may show. Quadrilaterals of edges in the
- * reference are glanced at while frames are still being watched. Faint edges and the pilots' fit
- * propose others once all have been.
+ * reference are glanced at while frames are still being watched. Others are outlines of what toggles,
+ * and what the pilots' fit makes of a display partly in view.
  */
 export class Proposer {
   #watch;
@@ -135,12 +131,7 @@ export class Proposer {
     const { reference } = this.#watch;
     const strongest = yield* candidateSteps(reference, CANDIDATES);
     this.partlySeen = yield* leavingSteps(reference, PARTLY_SEEN);
-    const pictures = strongest.flatMap((quad) => withoutBars(reference, quad));
-    const samePx = SAME_PLACE * Math.max(reference.width, reference.height);
-    const kept = distinct(pictures, pictures.map((_, at) => -at), CANDIDATES, samePx);
-    yield BARS_WORK;
-    const leaving = this.partlySeen.slice(0, LEAVING);
-    return [...strongest, ...leaving, ...kept.map((at) => pictures[at])];
+    return [...strongest, ...this.partlySeen.slice(0, LEAVING)];
   }
 
   /**
@@ -153,7 +144,7 @@ export class Proposer {
     const { frames, width, height } = this.#watch.stills;
     if (Math.min(width, height) < exportRegionGraph.LEAST_PX) return [];
     let logOdds = /** @type {Float32Array | null} */ (null);
-    void this.#mapper.logOdds(frames).then((found) => (logOdds = found));
+    void this.#mapper.logOdds(frames.slice(-MAPPED)).then((found) => (logOdds = found));
     while (logOdds === null) yield NEXT_FRAME;
     const outlines = outlineRegions(logOdds, Math.floor(width / CELL_PX));
     yield OUTLINE_WORK;
@@ -231,29 +222,6 @@ export class Proposer {
       return { evidence, proposal: { corners: rolled(corners, half), layout, toggling } };
     });
     return surestOf(found);
-  }
-
-  /**
-   * Propose quadrilaterals in the mean of all frames, its histogram made even: as it is, and twice
-   * without details, whose edges would hide those of the display.
-   *
-   * @returns {Generator<Steps<Point[][]>>} what finds those of each, the strongest first
-   */
-  *faintEdges() {
-    const mean = this.#watch.stills.mean();
-    yield this.#edgesOf(equalised(mean));
-    yield this.#edgesOf(equalised(withoutDetails(mean, BRIGHT_PX, true)));
-    yield this.#edgesOf(equalised(withoutDetails(mean, DARK_PX, false)));
-  }
-
-  /**
-   * Propose quadrilaterals of edges in a still.
-   *
-   * @param {BytePlane} still
-   */
-  *#edgesOf(still) {
-    const found = yield* candidateSteps(still, CANDIDATES);
-    return found.map((edge) => this.#watch.onImage(edge));
   }
 
   /**

@@ -36,21 +36,6 @@ export class Stills {
   }
 
   /**
-   * Average all frames so far; what is behind the point is dropped.
-   *
-   * @returns {BytePlane}
-   */
-  mean() {
-    const { width, height } = this;
-    const sums = new Uint32Array(width * height);
-    for (const { data } of this.#stills) for (let i = 0; i < sums.length; i++) sums[i] += data[i];
-    const count = this.#stills.length;
-    const data = new Uint8Array(sums.length);
-    for (let i = 0; i < sums.length; i++) data[i] = sums[i] / count;
-    return { width, height, data };
-  }
-
-  /**
    * Show what a quadrilateral bounds in frames, in small maps. Frames are averaged down where the
    * maps are coarser, without rounding.
    *

@@ -30,8 +30,6 @@ export class WindowSearch {
   #turns;
   /** The same, upright and upside down. */
   #everyTurn;
-  /** Quadrilaterals of faint edges. @type {Point[][]} */
-  #faint = [];
   /** Largest evidence of a quadrilateral so far, before it pays. */
   #surestSeen = 0;
   /** Whether edges have been glanced at in all frames that are watched. */
@@ -100,9 +98,9 @@ export class WindowSearch {
    * Look for the display in the film that follows the reference.
    *
    * After the first glance at edges, and once the window is late, the pilots are fitted to what a map
-   * of toggling outlines. While frames are awaited, faint edges are glanced at, and the pilots are fitted to quadrilaterals
-   * that may bound a display of which a part is in view; beside another window, which has the time,
-   * this comes at the end.
+   * of toggling outlines. While frames are awaited, they are fitted to quadrilaterals that may bound a
+   * display of which a part is in view; beside another window, which has the time, this comes at the
+   * end.
    *
    * @returns {Steps<Settled | null>}
    */
@@ -129,8 +127,6 @@ export class WindowSearch {
       const found = (yield* this.#glance(edges, seen)) ?? (isFirst ? yield* this.#fitRegions() : null);
       if (found !== null) return found;
     }
-    const again = yield* this.#glance(this.#faint);
-    if (again !== null) return again;
     this.isLate = true;
     const bounded = yield* this.#fitRegions();
     if (bounded !== null) return bounded;
@@ -138,30 +134,16 @@ export class WindowSearch {
       const found = yield* trial;
       if (found !== null) return found;
     }
-    const strongest = [...edges.slice(0, STRONGEST), ...this.#faint.slice(0, 1)];
-    return yield* this.#fit(strongest, this.#everyTurn);
+    return yield* this.#fit(edges.slice(0, STRONGEST), this.#everyTurn);
   }
 
   /**
-   * List what is tried while frames are awaited: faint edges, and displays partly in view.
+   * List what is tried while frames are awaited: displays partly in view.
    *
    * @returns {Generator<Steps<Settled | null>>}
    */
   *#aside() {
-    for (const quads of this.#proposer.faintEdges()) yield this.#glanceOnceFound(quads);
     for (const quad of this.#proposer.partlySeen) yield this.#fit([quad], this.#turns.slice(0, 1));
-  }
-
-  /**
-   * Glance at faint edges once they are found.
-   *
-   * @param {Steps<Point[][]>} finding
-   * @returns {Steps<Settled | null>}
-   */
-  *#glanceOnceFound(finding) {
-    const quads = yield* finding;
-    this.#faint.push(...quads);
-    return yield* this.#glance(quads);
   }
 
   /**
