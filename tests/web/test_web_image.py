@@ -171,3 +171,8 @@ def test_points_are_followed(
     same(found.found, status)
     kept = status[:, 0] == 1
     same(found.moved.reshape(-1, 2)[kept], moved[kept], within.SAME_PX)
+
+
+def test_levels_are_spread(port: Port, rng: np.random.Generator) -> None:
+    image, levels = photo(50, 71, rng), port("image/levels.js")
+    assert differences(levels.equalised(image), cv2.equalizeHist(image))[0] == 0

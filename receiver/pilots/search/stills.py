@@ -27,6 +27,10 @@ class Stills:
         """All frames so far, (T, h, w) uint8."""
         return np.array(self._stills)
 
+    def mean(self) -> NDArray[np.uint8]:
+        """Average all frames so far, (h, w) uint8, rounded down."""
+        return np.asarray(np.mean(self._stills, axis=0, dtype=np.float32), np.uint8)
+
     def views(
         self, quads: Sequence[Array], width: int, height: int, turn: int = 0, first: int = 0
     ) -> NDArray[Any]:

@@ -469,6 +469,8 @@ PAGE void bestSlopes(const Plane &along, const Plane &later, const Plane &powers
   }
 }
 
+PAGE void equalised(const Plane &gray, const Plane &to) { equalizeHist(gray.mat(), to.mat()); }
+
 PAGE void stretched(const Plane &gray, double mean, double deviation, const Plane &to) {
   Scalar middle, spread;
   meanStdDev(gray.mat(), middle, spread);

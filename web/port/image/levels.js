@@ -15,3 +15,12 @@ import { bytePlane, filled } from "./opencv.js";
 export function stretched(image, mean, deviation) {
   return filled("stretched", [image, mean, deviation], bytePlane(image.width, image.height));
 }
+
+/**
+ * Spread gray levels over the whole range, so that all are about as frequent.
+ *
+ * @param {BytePlane} image
+ */
+export function equalised(image) {
+  return filled("equalised", [image], bytePlane(image.width, image.height));
+}

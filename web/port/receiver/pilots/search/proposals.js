@@ -3,6 +3,7 @@
 import {
   exportRegionGraph, receiverPilotsSearchProposals, receiverPilotsSearchWatch,
 } from "../../../../generated/constants.js";
+import { equalised } from "../../../image/levels.js";
 import { candidateSteps, leavingSteps } from "../../locate/candidates.js";
 import { rolled, upright } from "../../locate/quads.js";
 import { movedCorners } from "../motion.js";
@@ -222,6 +223,16 @@ export class Proposer {
       return { evidence, proposal: { corners: rolled(corners, half), layout, toggling } };
     });
     return surestOf(found);
+  }
+
+  /**
+   * Propose quadrilaterals in the mean of all frames, its histogram made even.
+   *
+   * @returns {Steps<Point[][]>} the strongest first
+   */
+  *faintEdges() {
+    const found = yield* candidateSteps(equalised(this.#watch.stills.mean()), CANDIDATES);
+    return found.map((edge) => this.#watch.onImage(edge));
   }
 
   /**

@@ -36,6 +36,18 @@ export class Stills {
   }
 
   /**
+   * Average all frames so far; what is behind the point is dropped.
+   *
+   * @returns {BytePlane}
+   */
+  mean() {
+    const { width, height } = this;
+    const sums = new Uint32Array(width * height);
+    for (const { data } of this.#stills) for (let i = 0; i < sums.length; i++) sums[i] += data[i];
+    return { width, height, data: Uint8Array.from(sums, (sum) => sum / this.#stills.length) };
+  }
+
+  /**
    * Show what a quadrilateral bounds in frames, in small maps. Frames are averaged down where the
    * maps are coarser, without rounding.
    *

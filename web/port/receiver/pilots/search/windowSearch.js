@@ -98,9 +98,9 @@ export class WindowSearch {
    * Look for the display in the film that follows the reference.
    *
    * After the first glance at edges, and once the window is late, the pilots are fitted to what a map
-   * of toggling outlines. While frames are awaited, they are fitted to quadrilaterals that may bound a
-   * display of which a part is in view; beside another window, which has the time, this comes at the
-   * end.
+   * of toggling outlines. While frames are awaited, faint edges are glanced at, and the pilots are
+   * fitted to quadrilaterals that may bound a display of which a part is in view; beside another window,
+   * which has the time, this comes at the end.
    *
    * @returns {Steps<Settled | null>}
    */
@@ -128,9 +128,8 @@ export class WindowSearch {
       if (found !== null) return found;
     }
     this.isLate = true;
-    const bounded = yield* this.#fitRegions();
-    if (bounded !== null) return bounded;
-    for (const trial of aside) {
+    const [next, ...others] = aside;
+    for (const trial of [...(next ? [next] : []), this.#fitRegions(), ...others]) {
       const found = yield* trial;
       if (found !== null) return found;
     }
@@ -138,12 +137,18 @@ export class WindowSearch {
   }
 
   /**
-   * List what is tried while frames are awaited: displays partly in view.
+   * List what is tried while frames are awaited: faint edges, and displays partly in view.
    *
    * @returns {Generator<Steps<Settled | null>>}
    */
   *#aside() {
+    yield this.#glanceAtFaintEdges();
     for (const quad of this.#proposer.partlySeen) yield this.#fit([quad], this.#turns.slice(0, 1));
+  }
+
+  /** Glance at quadrilaterals of faint edges. @returns {Steps<Settled | null>} */
+  *#glanceAtFaintEdges() {
+    return yield* this.#glance(yield* this.#proposer.faintEdges());
   }
 
   /**
