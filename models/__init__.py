@@ -26,11 +26,6 @@ REGION_GRAPH = PRETRAINED.with_name("region") / "region.onnx"
 """The shipped map of where displays toggle (`models.region.region`), by which they are found."""
 
 
-def film_checkpoint(layout: Layout) -> Path:
-    """Name the folder of the shipped checkpoint of ``film``, which reads all layouts with it."""
-    return FILM_GRAPH.parent
-
-
 def shipped_checkpoint(layout: Layout) -> Path:
     """Choose the shipped checkpoint of ``learned`` that reads a layout."""
     return PRETRAINED_PILOTS if layout.pilots else PRETRAINED
@@ -103,7 +98,7 @@ DECODERS = {
         "X",
         frames="window",
         llr=True,
-        checkpoint=film_checkpoint,
+        checkpoint=lambda layout: FILM_GRAPH.parent,  # it serves all layouts
     ),
 }
 """Cards of all decoders, by the name that ``evaluate.py --methods`` takes."""

@@ -29,7 +29,6 @@ from link.errors import ParameterError, at_least, each_known
 from link.geometry import transform
 from link.images import image_files
 from link.images.files import read_image
-from link.layout import Layout
 from link.outside import read_json_lines
 from link.presets import PRESETS
 from link.types import Corners, Image
@@ -214,7 +213,8 @@ def trace_search(
             stages.setdefault(STAGE_OF_TRIAL[trial.stage], now - min(true))
             evidence.append(trial.evidence)
 
-    search, error, found = PilotSearch(searched_layouts(), fps, note), None, None
+    layouts = [preset.layout for preset in PRESETS.values() if preset.layout.pilots]
+    search, error, found = PilotSearch(layouts, fps, note), None, None
     for image, now, corners in film:
         if not true:
             coverage = cv2.contourArea(corners.astype(np.float32)) / image[..., 0].size
@@ -226,11 +226,6 @@ def trace_search(
             break
     trace = Trace(coverage=coverage, error_px=error, stages=stages, evidence=max(evidence))
     return found, trace
-
-
-def searched_layouts() -> list[Layout]:
-    """List the layouts that the receiver looks for: those of all presets with pilots."""
-    return [preset.layout for preset in PRESETS.values() if preset.layout.pilots]
 
 
 def folder_outcome(folder: str) -> SearchOutcome:
