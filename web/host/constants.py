@@ -106,10 +106,8 @@ def constants_of(module: str) -> Iterator[tuple[str, Any, str]]:
 
 def plain(value: Any) -> Any:
     """Turn a constant into numbers, texts, tuples, lists and dicts; None where it is more."""
-    if isinstance(value, np.ndarray):
+    if isinstance(value, np.ndarray | np.generic):
         return plain(value.tolist())
-    if isinstance(value, np.generic):
-        return plain(value.item())
     if isinstance(value, bytes):
         return list(value)
     if isinstance(value, tuple | list):
