@@ -103,8 +103,6 @@ def _reduced(texture: Light, most: tuple[int, int]) -> Light:
     """Average a texture to at most so many rows and columns."""
     rows, cols = texture.shape[:2]
     size = min(cols, most[1]), min(rows, most[0])
-    if size == (cols, rows):
-        return texture
     return np.asarray(cv2.resize(texture, size, interpolation=cv2.INTER_AREA))
 
 
