@@ -1,4 +1,4 @@
-"""Draw on pictures: the outline of a display, and frames and crosses on its blocks.
+"""Draw on pictures: the outline of a display, and frames on its blocks.
 
 Needs OpenCV alone. Colours are (R, G, B) of [0, 255]; pictures are drawn on in place or copied, as
 each function says.
@@ -69,19 +69,3 @@ def frame_block(
     top, bottom, left, right = box
     start, end = (left + inset, top + inset), (right - 1 - inset, bottom - 1 - inset)
     cv2.rectangle(canvas, start, end, colour, thickness)
-
-
-def cross_block(
-    canvas: NDArray[np.uint8], box: tuple[int, int, int, int], colour: Colour, thickness: int = 2
-) -> None:
-    """Draw both diagonals of a block, in place.
-
-    Args:
-        canvas: (H, W, 3) uint8 RGB.
-        box: top, bottom, left and right, as `link.layout.Layout.cell_box` gives them.
-        colour: colour of the lines.
-        thickness: thickness of the lines, pixels.
-    """
-    top, bottom, left, right = box
-    cv2.line(canvas, (left, top), (right, bottom), colour, thickness, cv2.LINE_AA)
-    cv2.line(canvas, (left, bottom), (right, top), colour, thickness, cv2.LINE_AA)

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from link.images import as_rgb
 from link.layout import Layout
-from link.overlay import GREEN, RED, cross_block, frame_block, outline_display
+from link.overlay import GREEN, RED, frame_block, outline_display
 from link.types import Image
 from receiver.reading.reader import DecodedPair
 from receiver.seen import SeenFrame
@@ -43,11 +43,12 @@ def _decided_blocks(pair: DecodedPair, layout: Layout) -> NDArray[np.uint8]:
     """Blocks: light for 1, dark for 0, grayer the less certain; red crosses are erasures."""
     panel = np.full((layout.height, layout.width, 3), 128, np.uint8)
     for (row, col), score in zip(np.argwhere(layout.message_mask), pair.soft.scores, strict=True):
-        box = top, bottom, left, right = layout.cell_box(int(row), int(col))
+        top, bottom, left, right = layout.cell_box(int(row), int(col))
         level = 255 / (1 + np.exp(-np.clip(score, -6, 6)))
         panel[top + 1 : bottom, left + 1 : right] = round(float(level))
         if score == 0:
-            cross_block(panel, box, RED)
+            for start, end in ((top, bottom), (bottom, top)):
+                cv2.line(panel, (left, start), (right, end), RED, 2, cv2.LINE_AA)
     original = as_rgb(pair.shown.images[0])
     for row, col in layout.ratex:
         box = top, bottom, left, right = layout.cell_box(row, col)
