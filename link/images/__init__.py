@@ -123,22 +123,26 @@ def check_size(width: int, height: int, where: Path | str) -> None:
 
 
 def check_kind(path: Path | str, data: bytes) -> None:
-    """Raise an `InputError` where a file's first bytes are those of a kind that is not read."""
-    kind = unread_kind(data)
+    """Refuse a file whose first bytes are those of a kind that is not read: HEIC, AVIF or SVG.
+
+    Args:
+        path: the file, for the message of the error.
+        data: its first bytes, or all of them.
+
+    Raises:
+        InputError: it is of such a kind.
+
+    >>> check_kind("photo.jpg", bytes(4) + b"ftypheic")
+    Traceback (most recent call last):
+    ...
+    link.errors.InputError: photo.jpg: HEIC is not read; save it as JPEG or PNG
+    """
+    begins = data[:1000].removeprefix(b"\xef\xbb\xbf").lstrip()
+    kind = UNREAD_BRANDS.get(data[8:12]) if data[4:8] == b"ftyp" else None
+    if begins.startswith(b"<") and b"<svg" in begins:
+        kind = "SVG"
     if kind is not None:
         raise InputError(f"{path}: {kind} is not read; save it as JPEG or PNG")
-
-
-def unread_kind(data: bytes) -> str | None:
-    """Name the kind of a picture that is not read: HEIC, AVIF or SVG; None for all else.
-
-    >>> unread_kind(bytes(4) + b"ftypheic"), unread_kind(b"<svg/>"), unread_kind(b"GIF89a")
-    ('HEIC', 'SVG', None)
-    """
-    if data[4:8] == b"ftyp":
-        return UNREAD_BRANDS.get(data[8:12])
-    begins = data[:1000].removeprefix(b"\xef\xbb\xbf").lstrip()
-    return "SVG" if begins.startswith(b"<") and b"<svg" in begins else None
 
 
 def as_rgb(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
