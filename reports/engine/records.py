@@ -103,9 +103,7 @@ def to_records(lines: Iterable[dict[str, Any]]) -> pd.DataFrame:
     table = pd.DataFrame([{"condition": "", **line} for line in lines], columns=COLUMNS)
     table["scores"] = [np.array(scores, np.float64) for scores in table["scores"]]
     table["bits"] = [np.array(bits, np.int64) for bits in table["bits"]]
-    table["view_deg"] = pd.to_numeric(table["view_deg"]).astype("Float64")
-    table["kappa"] = pd.to_numeric(table["kappa"]).astype("Int64")
-    table["index"] = table["index"].astype(int)
+    table = table.astype({"view_deg": "Float64", "kappa": "Int64", "index": int})
     pairs = list(zip(table["scores"], table["bits"], strict=True))
     table["known"] = [int((bits >= 0).sum()) for _, bits in pairs]
     table["correct"] = [int(((scores > 0) == bits)[bits >= 0].sum()) for scores, bits in pairs]

@@ -98,9 +98,7 @@ def read_scores(file: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
     """
     content = read_json(file)
     table = pd.DataFrame(content["rows"], columns=SCORES)
-    table["view_deg"] = pd.to_numeric(table["view_deg"]).astype("Float64")
-    table["kappa"] = pd.to_numeric(table["kappa"]).astype("Int64")
-    table["accuracy"] = table["accuracy"].astype(float)
+    table = table.astype({"view_deg": "Float64", "kappa": "Int64", "accuracy": float})
     table["paper"] = _printed(table)
     return table, content["meta"]
 
