@@ -37,6 +37,11 @@ class TableCell:
     beside: str = "({})"
     """Markdown around the small text, which takes the place of {}."""
 
+    @property
+    def markdown(self) -> str:
+        """The entry in Markdown."""
+        return f"{self.text} {self.beside.format(self.small)}" if self.small else self.text
+
 
 @dataclass(frozen=True)
 class Table:
@@ -60,8 +65,8 @@ class Table:
         |---|---:|
         | oorc | 99.2 (98 to 100) |
         """
-        rows = [[_markdown(cell) for cell in row] for row in self.rows]
-        table = markdown_table([_markdown(head) for head in self.heads], rows, self.left)
+        rows = [[cell.markdown for cell in row] for row in self.cells]
+        table = markdown_table([head.markdown for head in self.head_cells], rows, self.left)
         return f"{self.title}\n\n{table}" if self.title else table
 
     @property
@@ -234,12 +239,6 @@ def replace_block(page: Path, name: str, content: str) -> None:
 
 def _as_cells(row: Sequence[str | TableCell]) -> list[TableCell]:
     return [cell if isinstance(cell, TableCell) else TableCell(cell) for cell in row]
-
-
-def _markdown(cell: str | TableCell) -> str:
-    if isinstance(cell, str):
-        return cell
-    return f"{cell.text} {cell.beside.format(cell.small)}" if cell.small else cell.text
 
 
 def _beside_paper(row: Any) -> str | TableCell:
