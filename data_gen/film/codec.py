@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Literal, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from data_gen.film.frame import VideoFrame
 from link.errors import InputError, ParameterError, choose
@@ -123,7 +122,8 @@ def through_codec(
         """Give decoded frames the truth of those that went in at the same time."""
         for packet in packets:
             for one in decoder.decode(packet):
-                yield replace(waiting.pop(_ticks_of(one)), rgb=_as_rgb(one))
+                rgb = one.to_ndarray(format="rgb24", dst_color_range=FULL)  # by its tags
+                yield replace(waiting.pop(_ticks_of(one)), rgb=np.asarray(rgb, np.uint8))
 
     for frame in frames:
         if not encoder.width:
@@ -236,8 +236,3 @@ def _ticks_of(coded: "av.VideoFrame") -> int:
     if coded.pts is None:
         raise RuntimeError("the decoder lost a frame's time")
     return coded.pts
-
-
-def _as_rgb(coded: "av.VideoFrame") -> NDArray[np.uint8]:
-    """Convert decoded 4:2:0 planes to (H, W, 3) encoded RGB, by their tags."""
-    return np.asarray(coded.to_ndarray(format="rgb24", dst_color_range=FULL), np.uint8)
