@@ -5,7 +5,7 @@ band of physiological tremor; at 60 degrees over 1280 pixels a degree is 21 pixe
 drift's 4 px are 0.2 degrees and the tremor's 0.25 px are 0.012 degrees.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,8 +40,6 @@ class Wander:
     """Time, in seconds, in which a process forgets where it was."""
     smooth_s: float = SMOOTH_S
     """Time constant, in seconds, of the lag that smooths a process."""
-    _walk: NDArray[np.float64] = field(init=False)
-    _value: NDArray[np.float64] = field(init=False)
 
     def __post_init__(self) -> None:
         # both start in balance: the walk has deviation 1, and the lagged value that of `step`'s
