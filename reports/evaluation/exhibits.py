@@ -18,7 +18,7 @@ from reports.render.charts import (
     set_accuracy_axis,
     set_ticks,
 )
-from reports.render.tables import Table, percent, share_interval
+from reports.render.tables import Table, number, percent, share_interval
 from reports.run import Response
 
 LEAST = 0.3
@@ -105,18 +105,17 @@ def response_figure(response: Response) -> Figure:
 
 def response_table(responses: Sequence[Response]) -> Table:
     """Make the table of errors of the responses that methods find, means over frame pairs."""
-    methods = list(dict.fromkeys(method for r in responses for method in r.error))
-    rows = []
-    for pair, view in dict.fromkeys((r.pair, r.view_deg) for r in responses):
-        mine = [r for r in responses if (r.pair, r.view_deg) == (pair, view)]
-        errors = [[r.error[method] for r in mine if method in r.error] for method in methods]
-        means = [f"{sum(values) / len(values):.1f}" if values else "–" for values in errors]
-        rows.append([f"{pair}, {view:g}°", f"{len(mine)}", *means])
+    errors = pd.DataFrame([r.error for r in responses])
+    places = [r.pair for r in responses], [r.view_deg for r in responses]
+    rows = [
+        [f"{pair}, {view:g}°", f"{len(mine)}", *(number(mean, 1) for mean in mine.mean())]
+        for (pair, view), mine in errors.groupby(list(places), sort=False)
+    ]
     title = (
         "Root mean square error of the displayed level that a method finds, gray levels; mean over "
         "frame pairs"
     )
-    return Table(["frame pairs of", "n", *methods], rows, title)
+    return Table(["frame pairs of", "n", *errors.columns], rows, title)
 
 
 @in_style
@@ -150,9 +149,9 @@ def places_figure(film: FilmSeen) -> Figure:
     width, height = film.size
     figure, (panel,) = new_panels(legend=0.1)
     panel.set(xlim=(0, width), ylim=(height, 0), aspect="equal")
-    for number, place in enumerate(film.places):
+    for at, place in enumerate(film.places):
         x, y = zip(*[*place.corners, place.corners[0]], strict=True)
-        look = 0.25 + 0.5 * number / len(film.places)
+        look = 0.25 + 0.5 * at / len(film.places)
         panel.plot(x, y, color=SEEN, linewidth=0.9, alpha=look)
     panel.set_xlabel("pixels of the camera’s frame")
     return figure
