@@ -16,7 +16,7 @@
 import json
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -206,17 +206,14 @@ def claim_folder(
     write_bytes(file, text.encode())
 
 
+@dataclass
 class RunFolder:
-    """Writes a run's files, and reads them back.
+    """Writes a run's files, and reads them back."""
 
-    Args:
-        path: the folder; made where it does not exist.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.settings: dict[str, Any] = {}
-        """All that decides the result; known once the folder is claimed."""
+    path: Path
+    """The folder; made where it does not exist."""
+    settings: dict[str, Any] = field(default_factory=dict)
+    """All that decides the result; known once the folder is claimed."""
 
     def claim(self, settings: dict[str, Any]) -> None:
         """Write the settings, or refuse a folder that holds the results of other settings.

@@ -162,8 +162,7 @@ def write_page(
 ) -> None:
     """Write metrics.json, tables.md, run.json and report.html beside a training's predictions."""
     meta = provenance(seed, simulated=simulated)
-    run = RunFolder(folder)
-    run.settings = dict(settings)
+    run = RunFolder(folder, dict(settings))
     run.write_comparison(records, meta, tables)
     run.finish(meta, {}, [f"{BEFORE}: the decoder before this training"], **stated)
     write_report(folder)
