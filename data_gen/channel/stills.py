@@ -1,7 +1,6 @@
 """Stills of one frame pair: draw what the channel does to it, and capture both frames."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from data_gen.channel.composition import Shot, Viewpoint
 from data_gen.channel.display import fall_to_corners, room_light
@@ -48,7 +47,9 @@ def draw_shots(
     if pair.setup.perspective:
         reduction = pair.setup.resolution
         size = round(CAPTURE_WIDTH * reduction), round(CAPTURE_HEIGHT * reduction)
-        H_original = reduction_homography(size) @ project(pose, layout.width, layout.height)
+        # corners of the usual capture go to corners of the smaller one
+        reduced = resized_homography(size[0] / CAPTURE_WIDTH, size[1] / CAPTURE_HEIGHT)
+        H_original = reduced @ project(pose, layout.width, layout.height)
     H_moved = residual_motion(reduction * nuisance.jitter_px, camera.breathing, size, rng)
     drift = float(np.exp(nuisance.drift * rng.standard_normal()))
     phases = rng.uniform(0, 1, 2)
@@ -68,15 +69,6 @@ def draw_shots(
     original = Shot(viewpoint, H_original, iso, phases[0])
     embedded = Shot(viewpoint, H_moved @ H_original, iso * drift, phases[1])
     return original, embedded
-
-
-def reduction_homography(size: tuple[int, int]) -> NDArray[np.float64]:
-    """Return the (3, 3) map from pixels of the usual capture to those of a smaller one.
-
-    Args:
-        size: width and height of the smaller capture, pixels; corners go to corners.
-    """
-    return resized_homography(size[0] / CAPTURE_WIDTH, size[1] / CAPTURE_HEIGHT)
 
 
 def capture_through(

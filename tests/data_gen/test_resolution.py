@@ -8,10 +8,10 @@ import pytest
 from tolerances import FLOAT64
 
 from data_gen.channel.optics import CAPTURE_HEIGHT, CAPTURE_WIDTH
-from data_gen.channel.stills import capture, draw_shots, reduction_homography
+from data_gen.channel.stills import capture, draw_shots
 from data_gen.effects import EFFECTS
 from data_gen.frame_pair import Cell, FramePair, Source
-from link.geometry import frame_corners, transform
+from link.geometry import frame_corners, resized_homography, transform
 from link.layout import Layout, make_layout
 from link.types import Image
 
@@ -33,9 +33,8 @@ def test_at_one_nothing_changes() -> None:
 
 
 def test_corners_of_the_image_go_to_corners_of_the_image() -> None:
-    moved = transform(
-        reduction_homography((269, 202)), frame_corners(CAPTURE_WIDTH, CAPTURE_HEIGHT)
-    )
+    reduced = resized_homography(269 / CAPTURE_WIDTH, 202 / CAPTURE_HEIGHT)
+    moved = transform(reduced, frame_corners(CAPTURE_WIDTH, CAPTURE_HEIGHT))
     np.testing.assert_allclose(moved, frame_corners(269, 202), rtol=0, atol=1e6 * FLOAT64)
 
 
