@@ -6,7 +6,7 @@ which way up it is and which of several grids it shows.
 """
 
 from collections.abc import Sequence
-from itertools import chain, islice, product
+from itertools import chain, product
 
 import numpy as np
 
@@ -86,18 +86,17 @@ class WindowSearch:
         """Look for the display in the film that follows the reference.
 
         Edges are weighed coarsely soon and after each quarter of the window. After the first time,
-        and once all frames have been watched, the pilots are fitted to outlines of what toggles.
-        While frames are awaited, faint edges are weighed, and the pilots are fitted to
-        quadrilaterals that may bound a display of which a part is in view; beside another window,
-        which has the time, this comes at the end.
-        Last, they are fitted to the strongest edges, which may bound a display, if not exactly.
+        and once all frames have been watched, faint edges are weighed, and the pilots are fitted to
+        outlines of what toggles. While frames are awaited, they are fitted to quadrilaterals that
+        may bound a display of which a part is in view; beside another window, which has the time,
+        this comes at the end. Last, they are fitted to the strongest edges, which may bound a
+        display, if not exactly.
         """
         watch, proposer = self.watch, self._proposer
         edges = yield from proposer.edges()
         watch.surround(edges[:SURROUNDED])
         every_turn = [turn + half for turn in self._turns for half in (0, 2)]
-        partly_seen = (self._fit([quad], self._turns[:1]) for quad in proposer.partly_seen)
-        aside = chain([self._weigh_faint_edges()], partly_seen)
+        aside = (self._fit([quad], self._turns[:1]) for quad in proposer.partly_seen)
         count, seen = watch.soon, 0
         while seen < watch.window:
             while len(watch.frames) < min(count, watch.window):
@@ -111,26 +110,24 @@ class WindowSearch:
             count = seen + watch.window // 4
             if found := (yield from self._weigh_coarsely(edges, seen)):
                 return found
-            if first and (found := (yield from self._fit_regions(every_turn))):
+            if first and (found := (yield from self._weigh_others(every_turn))):
                 return found
         self.is_late = True
-        for trial in chain(islice(aside, 1), [self._fit_regions(every_turn)], aside):
+        for trial in chain([self._weigh_others(every_turn)], aside):
             yield 1
             if found := (yield from trial):
                 return found
         return (yield from self._fit(edges[:STRONGEST], every_turn))
 
-    def _fit_regions(self, turns: Sequence[int]) -> Search:
-        """Fit the pilots, after quarter turns, to outlines of what toggles in the frames so far."""
-        quads = yield from self._proposer.regions()
-        if found := (yield from self._weigh_coarsely(quads)):
+    def _weigh_others(self, turns: Sequence[int]) -> Search:
+        """Weigh faint edges, and fit the pilots, after quarter turns, to outlines of what toggles."""
+        faint = yield from self._proposer.faint_edges()
+        if found := (yield from self._weigh_coarsely(faint)):
             return found
-        return (yield from self._fit(quads, turns))
-
-    def _weigh_faint_edges(self) -> Search:
-        """Weigh quadrilaterals of faint edges coarsely."""
-        quads = yield from self._proposer.faint_edges()
-        return (yield from self._weigh_coarsely(quads))
+        regions = yield from self._proposer.regions()
+        if found := (yield from self._weigh_coarsely(regions)):
+            return found
+        return (yield from self._fit(regions, turns))
 
     def _weigh_coarsely(self, quads: Sequence[Array], count: int | None = None) -> Search:
         """Weigh quadrilaterals coarsely, and verify each that is promising.
