@@ -173,6 +173,13 @@ def test_points_are_followed(
     same(found.moved.reshape(-1, 2)[kept], moved[kept], within.SAME_PX)
 
 
-def test_levels_are_spread(port: Port, rng: np.random.Generator) -> None:
+def test_levels_are_spread_and_details_taken_off(port: Port, rng: np.random.Generator) -> None:
     image, levels = photo(50, 71, rng), port("image/levels.js")
     assert differences(levels.equalised(image), cv2.equalizeHist(image))[0] == 0
+    square = np.ones((9, 9), np.uint8)
+    for bright_first in (True, False):
+        ways = [cv2.MORPH_OPEN, cv2.MORPH_CLOSE][:: 1 if bright_first else -1]
+        plain = image
+        for way in ways:
+            plain = cv2.morphologyEx(plain, way, square)
+        assert differences(levels.withoutDetails(image, 9, bright_first), plain)[0] == 0

@@ -1,6 +1,6 @@
 """Propose where a display may be and what it shows, and measure how surely pilots toggle there."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 from math import prod
@@ -31,6 +31,10 @@ VIEW_SIZE = 128, 96
 """Smallest width and height, in pixels, of the small views in which quadrilaterals are weighed: a
 pixel a block of the preset `fast`, and several a block of coarser grids, so that what moves in a
 neighbouring block hardly counts. Layouts with finer grids have a pixel a block, too."""
+BRIGHT_PX, DARK_PX = 13, 9
+"""Sides of the squares, in pixels of the mean frame, below which bright details of the picture are
+taken off before dark ones, and dark ones before bright ones: wider than strokes of letters or
+streets of a map, narrower than the display. Chosen by hand."""
 PARTLY_SEEN = 12
 """Number of quadrilaterals with a corner outside the image that the pilots are fitted to. It bounds
 the work: of 15 simulated displays with a corner or a side outside, 12 had one of the first twelve
@@ -147,18 +151,22 @@ class Proposer:
         quads = upright(np.reshape(outlines, (-1, 4, 2)))  # (N, 4, 2), N may be 0
         return [self._watch.on_image(quad) for quad in quads]
 
-    def faint_edges(self) -> Steps[list[Array]]:
+    def faint_edges(self) -> Iterator[list[Array]]:
         """Propose quadrilaterals in the mean of all frames, which has less noise than a frame.
 
-        Its histogram is made even, which shows the edges of dark pictures.
+        Its histogram is made even, which shows the edges of dark pictures. It is looked at as it
+        is, and twice without details, such as letters or a map's streets, whose edges would hide
+        those of the display.
 
-        Returns:
-            (4, 2) pixels of the reference each, the strongest first.
+        Yields:
+            quadrilaterals in each of them, (4, 2) pixels of the reference, the strongest first.
         """
-        even = np.asarray(cv2.equalizeHist(self._watch.stills.mean()), np.uint8)
-        found = display_candidates(even, CANDIDATES)
-        yield 2  # it took as long as two other steps
-        return [self._watch.on_image(candidate.corners) for candidate in found]
+        mean = np.asarray(self._watch.stills.mean(), np.uint8)
+        bright_first = cv2.MORPH_OPEN, cv2.MORPH_CLOSE
+        for side, ways in ((1, ()), (BRIGHT_PX, bright_first), (DARK_PX, bright_first[::-1])):
+            even = np.asarray(cv2.equalizeHist(_without_details(mean, side, ways)), np.uint8)
+            found = display_candidates(even, CANDIDATES)
+            yield [self._watch.on_image(candidate.corners) for candidate in found]
 
     def weigh_coarsely(
         self, quad: Array, turns: Sequence[int], count: int | None = None
@@ -245,3 +253,11 @@ def _pilots_in(view: Gray, layouts: Sequence[Layout]) -> list[NDArray[np.float32
         blocks = standing_out(view, layout).ravel()
         values += [blocks[layout.pilot_blocks], blocks[::-1][layout.pilot_blocks]]
     return values
+
+
+def _without_details(gray: Gray, side: int, ways: Sequence[int]) -> Gray:
+    """Take details off an image that are smaller than a square, by opening and closing."""
+    square = np.ones((side, side), np.uint8)
+    for way in ways:
+        gray = np.asarray(cv2.morphologyEx(gray, way, square), np.uint8)
+    return gray

@@ -120,14 +120,22 @@ class WindowSearch:
         return (yield from self._fit(edges[:STRONGEST], every_turn))
 
     def _weigh_others(self, turns: Sequence[int]) -> Search:
-        """Weigh faint edges, and fit the pilots, after quarter turns, to outlines of what toggles."""
-        faint = yield from self._proposer.faint_edges()
-        if found := (yield from self._weigh_coarsely(faint)):
+        """Weigh faint edges, and fit the pilots after quarter turns to outlines of what toggles.
+
+        What costs least and what is likeliest comes first.
+        """
+        faint = self._proposer.faint_edges()
+        if found := (yield from self._weigh_coarsely(next(faint))):
             return found
         regions = yield from self._proposer.regions()
         if found := (yield from self._weigh_coarsely(regions)):
             return found
-        return (yield from self._fit(regions, turns))
+        if found := (yield from self._fit(regions[:1], turns)):
+            return found
+        for quads in faint:
+            if found := (yield from self._weigh_coarsely(quads)):
+                return found
+        return (yield from self._fit(regions[1:], turns))
 
     def _weigh_coarsely(self, quads: Sequence[Array], count: int | None = None) -> Search:
         """Weigh quadrilaterals coarsely, and verify each that is promising.

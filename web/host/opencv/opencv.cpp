@@ -471,6 +471,13 @@ PAGE void bestSlopes(const Plane &along, const Plane &later, const Plane &powers
 
 PAGE void equalised(const Plane &gray, const Plane &to) { equalizeHist(gray.mat(), to.mat()); }
 
+// Takes off details that are smaller than a square: bright ones first, or dark ones.
+PAGE void withoutDetails(const Plane &gray, int side, int brightFirst, const Plane &to) {
+  const Mat square = Mat::ones(side, side, CV_8U);
+  morphologyEx(gray.mat(), to.mat(), brightFirst ? MORPH_OPEN : MORPH_CLOSE, square);
+  morphologyEx(to.mat(), to.mat(), brightFirst ? MORPH_CLOSE : MORPH_OPEN, square);
+}
+
 PAGE void stretched(const Plane &gray, double mean, double deviation, const Plane &to) {
   Scalar middle, spread;
   meanStdDev(gray.mat(), middle, spread);

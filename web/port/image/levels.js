@@ -24,3 +24,14 @@ export function stretched(image, mean, deviation) {
 export function equalised(image) {
   return filled("equalised", [image], bytePlane(image.width, image.height));
 }
+
+/**
+ * Take off details that are smaller than a square, by opening and closing.
+ *
+ * @param {BytePlane} image
+ * @param {number} side - of the square, pixels
+ * @param {boolean} brightFirst - whether bright ones go before dark ones
+ */
+export function withoutDetails(image, side, brightFirst) {
+  return filled("withoutDetails", [image, side, Number(brightFirst)], bytePlane(image.width, image.height));
+}

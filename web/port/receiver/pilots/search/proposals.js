@@ -3,7 +3,7 @@
 import {
   exportRegionGraph, receiverPilotsSearchProposals, receiverPilotsSearchWatch,
 } from "../../../../generated/constants.js";
-import { equalised } from "../../../image/levels.js";
+import { equalised, withoutDetails } from "../../../image/levels.js";
 import { candidateSteps, leavingSteps } from "../../locate/candidates.js";
 import { rolled, upright } from "../../locate/quads.js";
 import { movedCorners } from "../motion.js";
@@ -19,7 +19,7 @@ import { CELL_PX, outlineRegions } from "./regions.js";
 
 export const { STRONGEST, PROMISING } = receiverPilotsSearchProposals;
 const {
-  VIEW_SIZE, CANDIDATES, LEAVING, PARTLY_SEEN, STATES_HZ, MAPPED,
+  VIEW_SIZE, CANDIDATES, LEAVING, PARTLY_SEEN, BRIGHT_PX, DARK_PX, STATES_HZ, MAPPED,
 } = receiverPilotsSearchProposals;
 
 export const { NEXT_FRAME } = receiverPilotsSearchWatch;
@@ -226,12 +226,25 @@ export class Proposer {
   }
 
   /**
-   * Propose quadrilaterals in the mean of all frames, its histogram made even.
+   * Propose quadrilaterals in the mean of all frames, its histogram made even: as it is, and twice
+   * without details, whose edges would hide those of the display.
    *
-   * @returns {Steps<Point[][]>} the strongest first
+   * @returns {Generator<Steps<Point[][]>>} what finds those of each, the strongest first
    */
   *faintEdges() {
-    const found = yield* candidateSteps(equalised(this.#watch.stills.mean()), CANDIDATES);
+    const mean = this.#watch.stills.mean();
+    yield this.#edgesOf(equalised(mean));
+    yield this.#edgesOf(equalised(withoutDetails(mean, BRIGHT_PX, true)));
+    yield this.#edgesOf(equalised(withoutDetails(mean, DARK_PX, false)));
+  }
+
+  /**
+   * Propose quadrilaterals of edges in a still.
+   *
+   * @param {BytePlane} still
+   */
+  *#edgesOf(still) {
+    const found = yield* candidateSteps(still, CANDIDATES);
     return found.map((edge) => this.#watch.onImage(edge));
   }
 

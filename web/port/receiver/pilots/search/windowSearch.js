@@ -97,10 +97,9 @@ export class WindowSearch {
   /**
    * Look for the display in the film that follows the reference.
    *
-   * After the first glance at edges, and once the window is late, the pilots are fitted to what a map
-   * of toggling outlines. While frames are awaited, faint edges are glanced at, and the pilots are
-   * fitted to quadrilaterals that may bound a display of which a part is in view; beside another window,
-   * which has the time, this comes at the end.
+   * After the first glance at edges, and once the window is late, other proposals are tried. While
+   * frames are awaited, the pilots are fitted to quadrilaterals that may bound a display of which a part
+   * is in view; beside another window, which has the time, this comes at the end.
    *
    * @returns {Steps<Settled | null>}
    */
@@ -124,12 +123,11 @@ export class WindowSearch {
       }
       const isFirst = seen === 0;
       seen = watch.frames.length;
-      const found = (yield* this.#glance(edges, seen)) ?? (isFirst ? yield* this.#fitRegions() : null);
+      const found = (yield* this.#glance(edges, seen)) ?? (isFirst ? yield* this.#others() : null);
       if (found !== null) return found;
     }
     this.isLate = true;
-    const [next, ...others] = aside;
-    for (const trial of [...(next ? [next] : []), this.#fitRegions(), ...others]) {
+    for (const trial of [this.#others(), ...aside]) {
       const found = yield* trial;
       if (found !== null) return found;
     }
@@ -137,28 +135,33 @@ export class WindowSearch {
   }
 
   /**
-   * List what is tried while frames are awaited: faint edges, and displays partly in view.
+   * List what is tried while frames are awaited: displays partly in view.
    *
    * @returns {Generator<Steps<Settled | null>>}
    */
   *#aside() {
-    yield this.#glanceAtFaintEdges();
     for (const quad of this.#proposer.partlySeen) yield this.#fit([quad], this.#turns.slice(0, 1));
   }
 
-  /** Glance at quadrilaterals of faint edges. @returns {Steps<Settled | null>} */
-  *#glanceAtFaintEdges() {
-    return yield* this.#glance(yield* this.#proposer.faintEdges());
-  }
-
   /**
-   * Fit the pilots to what bounds that which toggles in the frames so far.
+   * Glance at faint edges, and fit the pilots to outlines of what toggles. What costs least and what is
+   * likeliest comes first.
    *
    * @returns {Steps<Settled | null>}
    */
-  *#fitRegions() {
-    const quads = yield* this.#proposer.regions();
-    return (yield* this.#glance(quads)) ?? (yield* this.#fit(quads, this.#everyTurn));
+  *#others() {
+    const [faint, ...withoutDetails] = this.#proposer.faintEdges();
+    const early = yield* this.#glance(yield* faint);
+    if (early !== null) return early;
+    const regions = yield* this.#proposer.regions();
+    const bounded =
+      (yield* this.#glance(regions)) ?? (yield* this.#fit(regions.slice(0, 1), this.#everyTurn));
+    if (bounded !== null) return bounded;
+    for (const edges of withoutDetails) {
+      const found = yield* this.#glance(yield* edges);
+      if (found !== null) return found;
+    }
+    return yield* this.#fit(regions.slice(1), this.#everyTurn);
   }
 
   /**
