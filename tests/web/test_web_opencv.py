@@ -6,7 +6,7 @@ import re
 from web.host.site import WEB
 
 FOLDER = WEB / "host" / "opencv"
-CALLED = re.compile(r'\bcall\(\s*"(\w+)"')
+CALLED = re.compile(r'\b(?:call|filled)\(\s*"(\w+)"')
 DEFINED = re.compile(r"^PAGE [\w ]+[ *](\w+)\(", re.MULTILINE)
 
 
