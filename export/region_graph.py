@@ -13,10 +13,6 @@ from models import REGION_GRAPH
 REGION_FORMAT = "region 1"
 """Version of the graph's inputs and outputs that this code reads."""
 
-LEAST_PX = 64
-"""Smallest side, in pixels, of frames that can be mapped: one cell at the network's lowest
-resolution."""
-
 
 class RegionGraph:
     """The network `DisplayRegion` in an ONNX file.
@@ -38,7 +34,7 @@ class RegionGraph:
 
         Args:
             stills: (T, H, W) gray levels of at least three frames, held still, no side of which is
-                shorter than `LEAST_PX`.
+                shorter than `models.region.LEAST_PX`.
 
         Returns:
             (H // 8, W // 8) natural log-odds.

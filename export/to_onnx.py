@@ -17,7 +17,7 @@ from torch.onnx._internal.exporter import _ir_passes
 
 from export.film_graph import FILM_FORMAT, FilmGraph
 from export.parity import Parity, compare_films, compare_regions, compare_with_torch
-from export.region_graph import LEAST_PX, REGION_FORMAT, RegionGraph
+from export.region_graph import REGION_FORMAT, RegionGraph
 from export.runtime import FORMAT, Decoder
 from link import __version__
 from link.cli import check_flags, run_cli
@@ -33,6 +33,7 @@ from models.film.decoder import FilmDecoder
 from models.film.window import LEAST_SIDE, SHRINK
 from models.phi.checkpoint import load_checkpoint, read_config
 from models.phi.decoder import PhiDecoder
+from models.region import LEAST_PX
 from models.region.region import DisplayRegion
 
 INVERSE = onnx.defs.OpSchema(

@@ -45,8 +45,9 @@ from link.presets import PRESETS
 from link.types import Corners
 from models.phi.checkpoint import save_checkpoint, training_settings
 from models.phi.training import check_rate
+from models.region import CELL_PX
 from models.region.region import DisplayRegion
-from receiver.pilots.search.regions import CELL_PX, outline_regions
+from receiver.pilots.search.regions import outline_regions
 from receiver.pilots.search.watch import Watch
 from reports.engine.backends import Backend, run_tasks
 from reports.engine.records import write_lines
@@ -217,8 +218,7 @@ def draw_film(split: str, seed: int, number: int) -> DrawnFilm:
     if rng.random() < 0.25:
         codec = CodecSettings("h264", float(rng.uniform(4000, 16000)))
         frames = through_codec(frames, codec, float(fps))
-    right, bottom = left + picture.width, top + picture.height
-    corners = np.array([[left, top], [right, top], [right, bottom], [left, bottom]]) - 0.5
+    corners = picture.corners + np.array([left, top])
     return DrawnFilm(frames, float(fps), corners, shows_message)
 
 

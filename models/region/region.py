@@ -12,10 +12,12 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import avg_pool2d, interpolate, max_pool2d, pad, pixel_unshuffle
 
-CELL_PX = 4
+from models.region import CELL_PX
+
+SQUARE_PX = 4
 """Side, in pixels of the frames, of the squares over which they are averaged: about a block of the
 finest grids, in frames whose longer side has 640 pixels."""
-OUT_CELLS = 2
+SQUARES = CELL_PX // SQUARE_PX
 """Side, in such squares, of a cell of the map that the network returns."""
 FEATURES = 6
 """Number of values that the network sees of each square (`DisplayRegion.features`)."""
@@ -45,7 +47,7 @@ class DisplayRegion(nn.Module):
         super().__init__()
         self.register_buffer("mean", torch.zeros(FEATURES, 1, 1))
         self.register_buffer("deviation", torch.ones(FEATURES, 1, 1))
-        self.fine = _two_convolutions(FEATURES * OUT_CELLS**2, WIDTH)
+        self.fine = _two_convolutions(FEATURES * SQUARES**2, WIDTH)
         self.down = nn.ModuleList(
             [_two_convolutions(channels, DEEP) for channels in (WIDTH, DEEP, DEEP)]
         )
@@ -73,7 +75,7 @@ class DisplayRegion(nn.Module):
 
     @staticmethod
     def features(frames: Tensor) -> Tensor:
-        """Measure how squares of `CELL_PX` change.
+        """Measure how squares of `SQUARE_PX` change.
 
         Args:
             frames: as `forward` takes them.
@@ -84,27 +86,27 @@ class DisplayRegion(nn.Module):
             which is what drifts; mean gray levels; and the logarithm of the mean squared slope.
         """
         changes = frames[1:] - frames[:-1]
-        blocks = avg_pool2d(changes, CELL_PX)
+        blocks = avg_pool2d(changes, SQUARE_PX)
         mean = frames.mean(dim=0, keepdim=True)
         right = (mean[..., 1:-1, 2:] - mean[..., 1:-1, :-2]) / 2
         down = (mean[..., 2:, 1:-1] - mean[..., :-2, 1:-1]) / 2
         powers = (
-            avg_pool2d((changes**2).mean(dim=0, keepdim=True), CELL_PX),
+            avg_pool2d((changes**2).mean(dim=0, keepdim=True), SQUARE_PX),
             (blocks**2).mean(dim=0, keepdim=True),
             ((blocks[1:] + blocks[:-1]) ** 2).mean(dim=0, keepdim=True),
             blocks.mean(dim=0, keepdim=True) ** 2,
-            avg_pool2d(pad(right**2 + down**2, (1, 1, 1, 1)), CELL_PX),
+            avg_pool2d(pad(right**2 + down**2, (1, 1, 1, 1)), SQUARE_PX),
         )
         *moved, slope = (
             torch.log(power + least) for power, least in zip(powers, LEAST, strict=True)
         )
-        return torch.cat([*moved, avg_pool2d(mean, CELL_PX) / GRAY_UNIT, slope], dim=1)
+        return torch.cat([*moved, avg_pool2d(mean, SQUARE_PX) / GRAY_UNIT, slope], dim=1)
 
     def odds(self, features: Tensor) -> Tensor:
         """Map the log-odds, (N, H // 8, W // 8), of `features` of N films."""
-        height, width = (side // OUT_CELLS * OUT_CELLS for side in features.shape[-2:])
+        height, width = (side // SQUARES * SQUARES for side in features.shape[-2:])
         usual = (features[..., :height, :width] - self.mean) / self.deviation
-        scales = [self.fine(pixel_unshuffle(usual, OUT_CELLS))]
+        scales = [self.fine(pixel_unshuffle(usual, SQUARES))]
         for down in self.down:
             scales.append(down(max_pool2d(scales[-1], 2)))
         coarse = scales.pop()

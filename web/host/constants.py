@@ -29,9 +29,9 @@ SHARED = [
     for place in (
         "link/[a-z]*",
         "link/*/*",
-        "export/region_graph",
         "models/film/window",
         "models/pairwise",
+        "models/region/__init__",
         "receiver/**/*",
         "sender/carrying",
         "sender/compact",

@@ -9,18 +9,19 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from export.region_graph import LEAST_PX, shipped_region_graph
+from export.region_graph import shipped_region_graph
 from link.layout import Layout
 from link.pilot_code import PLAIN
 from link.pilots import expected_changes, pilot_values, standing_out
 from link.steps import Steps
 from link.types import Array, Corners, Gray
+from models.region import CELL_PX, LEAST_PX
 from receiver.locate.candidates import display_candidates, leaving_quads
 from receiver.locate.quads import upright
 from receiver.pilots.motion import moved_corners
 from receiver.pilots.search.film import HeldFrame, positions
 from receiver.pilots.search.parts import COARSE_SIZE, coarse_shift, rough_series, shifted_togglings
-from receiver.pilots.search.regions import CELL_PX, outline_regions
+from receiver.pilots.search.regions import outline_regions
 from receiver.pilots.search.watch import Watch
 from receiver.pilots.toggling import TogglePattern, Wave, find_toggling
 

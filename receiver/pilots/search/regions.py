@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from link.types import Array
 
-CELL_PX = 8
-"""Side of a cell, in pixels of the frames that were mapped."""
 REGIONS = 2
 """Largest number of displays that are outlined. It bounds the work; chosen by hand."""
 LEAST_CELLS = 12

@@ -23,7 +23,7 @@ export class RegionGraph extends Graph {
    * Map where a display toggles.
    *
    * @param {BytePlane[]} stills - at least three frames of one size, held still, no side of which is
-   *   shorter than `LEAST_PX` of export/region_graph.py
+   *   shorter than `LEAST_PX` of models/region
    * @returns {Promise<Float32Array>} natural log-odds of cells of 8 x 8 pixels, row by row
    */
   async logOdds(stills) {

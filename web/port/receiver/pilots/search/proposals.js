@@ -1,7 +1,7 @@
 /** Where a display may be, what it may show, and how surely its pilots toggle there. */
 
 import {
-  exportRegionGraph, receiverPilotsSearchProposals, receiverPilotsSearchWatch,
+  modelsRegion, receiverPilotsSearchProposals, receiverPilotsSearchWatch,
 } from "../../../../generated/constants.js";
 import { equalised, withoutDetails } from "../../../image/levels.js";
 import { candidateSteps, leavingSteps } from "../../locate/candidates.js";
@@ -10,13 +10,14 @@ import { movedCorners } from "../motion.js";
 import { expectedChanges, picked, pilotValues, standingOut } from "../../../link/pilots.js";
 import { Wave, findToggling } from "../toggling.js";
 import { COARSE_SIZE, coarseShift, roughSeries, shiftedTogglings } from "./parts.js";
-import { CELL_PX, outlineRegions } from "./regions.js";
+import { outlineRegions } from "./regions.js";
 
 /** @typedef {import("../../../export/regionGraph.js").RegionMapper} RegionMapper */
 /** @typedef {import("../toggling.js").Toggling} Toggling */
 /** @typedef {import("./film.js").HeldFrame} HeldFrame */
 /** @typedef {import("./watch.js").Watch} Watch */
 
+const { CELL_PX, LEAST_PX } = modelsRegion;
 export const { STRONGEST, PROMISING } = receiverPilotsSearchProposals;
 const {
   VIEW_SIZE, CANDIDATES, LEAVING, PARTLY_SEEN, BRIGHT_PX, DARK_PX, STATES_HZ, MAPPED,
@@ -143,7 +144,7 @@ export class Proposer {
    */
   *regions() {
     const { frames, width, height } = this.#watch.stills;
-    if (Math.min(width, height) < exportRegionGraph.LEAST_PX) return [];
+    if (Math.min(width, height) < LEAST_PX) return [];
     let logOdds = /** @type {Float32Array | null} */ (null);
     void this.#mapper.logOdds(frames.slice(-MAPPED)).then((found) => (logOdds = found));
     while (logOdds === null) yield NEXT_FRAME;

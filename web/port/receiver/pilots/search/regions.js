@@ -6,7 +6,6 @@
 
 import { receiverPilotsSearchRegions } from "../../../../generated/constants.js";
 
-export const { CELL_PX } = receiverPilotsSearchRegions;
 const {
   REGIONS, LEAST_CELLS, MOST_ODDS, BEYOND_CELLS, BEYOND_ODDS, STEPS, MOST_MOVES, MOVES,
 } = receiverPilotsSearchRegions;
@@ -69,7 +68,8 @@ function partsOf(logOdds, width) {
   const isFree = Array.from(logOdds, (odds) => odds > 0);
   const parts = [];
   for (let first = 0; first < isFree.length; first++) {
-    const part = isFree[first] ? [first] : [];
+    if (!isFree[first]) continue;
+    const part = [first];
     isFree[first] = false;
     for (const cell of part) {
       const x = cell % width;
