@@ -209,6 +209,24 @@ def check_corners(
     return points
 
 
+def corners_apart(one: Array, other: Array) -> float:
+    """Tell how far corners are from others along an axis, whichever of them comes first.
+
+    Args:
+        one: (4, 2) pixels.
+        other: (4, 2) pixels, in the same sense of rotation.
+
+    Returns:
+        largest distance of a corner, pixels, in the order in which it is smallest.
+
+    >>> corners = frame_corners(4, 3)
+    >>> corners_apart(np.roll(corners, 1, axis=0) + [0, 2], corners)
+    2.0
+    """
+    turned = (np.roll(one, turn, axis=0) for turn in range(4))
+    return min(float(np.abs(each - other).max()) for each in turned)
+
+
 def in_image(points: ArrayLike, image_shape: tuple[int, ...]) -> NDArray[np.bool_]:
     """Tell which points, (..., 2) pixels (x, y), lie in an image of a shape (H, W, ...).
 

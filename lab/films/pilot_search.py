@@ -26,7 +26,7 @@ from data_gen.pairs import GROUPS, pair_names
 from data_gen.video import TRUTH
 from lab.study import Results, Study, StudyFlags, Workshop
 from link.errors import ParameterError, at_least, each_known
-from link.geometry import transform
+from link.geometry import corners_apart, transform
 from link.images import image_files
 from link.images.files import read_image
 from link.outside import read_json_lines
@@ -207,9 +207,8 @@ def trace_search(
 
     def note(trial: Trial) -> None:
         corners = true[trial.time]
-        turned = (np.roll(trial.corners, turn, axis=0) for turn in range(4))
-        off = min(float(np.abs(each - corners).max()) for each in turned)
-        if off <= NEAR * np.sqrt(cv2.contourArea(corners.astype(np.float32))):
+        size = np.sqrt(cv2.contourArea(corners.astype(np.float32)))
+        if corners_apart(trial.corners, corners) <= NEAR * size:
             stages.setdefault(STAGE_OF_TRIAL[trial.stage], now - min(true))
             evidence.append(trial.evidence)
 

@@ -7,7 +7,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.geometry import homography_from_corners, rectify, resized_homography, transform
+from link.geometry import (
+    corners_apart,
+    homography_from_corners,
+    rectify,
+    resized_homography,
+    transform,
+)
 from link.layout import Layout
 from link.types import Array, Corners, Gray, Homography
 from receiver.locate.corner_motion import four_point_homography
@@ -164,9 +170,7 @@ class MovingOutline:
         """
         key = corners.tobytes()
         if key not in self._distances:
-            turned = (np.roll(corners, turn, axis=0) for turn in range(4))
-            nearest = min(float(np.abs(each - self.quad).max()) for each in turned)
-            self._distances[key] = nearest / self.size
+            self._distances[key] = corners_apart(corners, self.quad) / self.size
         return self._distances[key]
 
     def take(self, gray: Gray, shown: Corners | None) -> Surrounded | None:
