@@ -24,8 +24,8 @@ STRIP_WIDTH_PX = 384
 """Width of each picture of a story, pixels."""
 MOST = 8
 """Number of captures of a run that are shown as pictures."""
-KEYS = ("pair", "view_deg", "picture", "film", "time_s")
-"""Keys of a capture's `meta` that tell a reader where it is from."""
+PLACES = {"pair": "{}", "view_deg": "{:g}°", "picture": "{}", "film": "{}", "time_s": "{:.2f} s"}
+"""How the values of a capture's `meta` that tell a reader where it is from are written, by key."""
 
 
 def worst_stories(
@@ -61,15 +61,17 @@ def _story(row: Any, loaded: Captured | KnownWindow, folder: Path, stem: str) ->
     errors = (((scores > 0) != bits) & (bits >= 0)).sum(1)
     number = int(errors.argmax())
     captured = pair_of_window(loaded, number) if isinstance(loaded, KnownWindow) else loaded
-    place = {key: captured.meta[key] for key in KEYS if captured.meta.get(key) is not None}
-    place |= {} if captured.kappa is None else {"κ": captured.kappa}
-    place |= {"observation": row["index"]} | ({"frame pair": number} if len(scores) > 1 else {})
+    meta = {key: value for key, value in captured.meta.items() if value is not None}
+    place = [words.format(meta[key]) for key, words in PLACES.items() if key in meta]
+    place += [] if captured.kappa is None else [f"κ {captured.kappa}"]
+    place += [f"window {row['index']}"] if len(scores) > 1 else []
+    place += [f"frame pair {number if len(scores) > 1 else row['index']}"]
     known = int((bits[number] >= 0).sum())
     decided = f"{errors[number]} of {known} bits wrong" if known else "decided bits"
     drawn = bits_panel(captured.rectified(), SoftBits(scores[number]), bits[number])
     return Story(
         str(row["method"]),
-        ", ".join(f"{key} {value}" for key, value in place.items()),
+        ", ".join(place),
         _written(folder, stem, [*_seen(captured), (decided, drawn)]),
     )
 
