@@ -147,7 +147,7 @@ function sayCost() {
     chosen();
   const size = length();
   const share = isFilm ? null : carriedShare(byId("preview"), name);
-  const rate = Math.round((share ?? 0) * n_bits * (loop.state_hz / 2));
+  const rate = Number(((share ?? 0) * n_bits * (loop.state_hz / 2)).toPrecision(2));
   const pairs = framesNeeded(Math.min(Math.max(size, 1), longest_bytes), n_bits);
   const [file] = byId("file").files;
   const seconds = numberOf(Math.max(1, Math.round((2 * pairs) / loop.state_hz)));
