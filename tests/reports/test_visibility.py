@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import ROOT, cases
+from conftest import cases
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -23,7 +23,6 @@ from sender.visibility.flicker import (
 )
 from sender.visibility.viewing import Viewing
 
-PAGE = ROOT / "docs" / "visibility.md"
 AUTHORS = [
     (0, 2, 0.8, 0.6, 3.75, 112.091),
     (0, 2, 48.0, 28.0, 60, 2.23818),
