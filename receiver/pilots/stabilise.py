@@ -93,9 +93,10 @@ class Stabiliser:
         """Points found again in the last frame; None where pictures in it may move."""
         self._far_apart = far_apart
         height, width = self._shape = gray.shape
-        self._reference = _small(gray)
+        self._reference = small_gray(gray)
         x, y = width / self._reference.shape[1], height / self._reference.shape[0]
-        self._H_image_from_copy = resized_homography(x, y)
+        self.H_image_from_copy = resized_homography(x, y)
+        """Homography from pixels of a copy to those of its frame."""
         self._points = _clear_points(self._reference, FAINT if far_apart else CLEAR)
         self._guess = self._points.copy()
 
@@ -110,7 +111,7 @@ class Stabiliser:
         """
         if len(self._points) < MIN_POINTS or gray.shape != self._shape:
             return None
-        small = _small(gray)
+        small = small_gray(gray)
         moved, status, _ = cv2.calcOpticalFlowPyrLK(
             self._reference,
             small,
@@ -130,29 +131,29 @@ class Stabiliser:
         self.tracks = None if self._far_apart else self._tracks(self._points[good], moved[good])
         H, _ = max(motions, key=lambda motion: _area(motion[1]))
         self._guess = np.asarray(cv2.perspectiveTransform(self._points, H), np.float32)
-        return np.asarray(self._H_image_from_copy @ H @ np.linalg.inv(self._H_image_from_copy))
+        return np.asarray(self.H_image_from_copy @ H @ np.linalg.inv(self.H_image_from_copy))
 
     def _tracks(self, before: NDArray[np.float32], after: NDArray[np.float32]) -> Tracks:
         """Move points (n, 1, 2) of both copies to the images."""
-        grow = self._H_image_from_copy
+        grow = self.H_image_from_copy
         on_images = (cv2.perspectiveTransform(points, grow) for points in (before, after))
         one, other = (np.asarray(points, np.float32) for points in on_images)
         return Tracks(one, other, SAME_PX * float(grow[0, 0]))
 
-    def still(self, gray: Gray, H_image_from_reference: Array) -> Gray:
-        """Shrink a frame and move it onto the reference's copy."""
-        small, grow = _small(gray), self._H_image_from_copy
+    def still(self, copy: Gray, H_image_from_reference: Array) -> Gray:
+        """Move the copy of a frame onto the reference's."""
+        grow = self.H_image_from_copy
         H = np.linalg.inv(grow) @ H_image_from_reference @ grow
-        return resampled(small, H, small.shape[1], small.shape[0])
+        return resampled(copy, H, copy.shape[1], copy.shape[0])
 
     def on_copy(self, points: Array) -> Array:
         """Move (N, 2) points from the image to the copy."""
-        H = np.linalg.inv(self._H_image_from_copy)
+        H = np.linalg.inv(self.H_image_from_copy)
         return np.asarray(cv2.perspectiveTransform(points[:, None], H)[:, 0])
 
     def on_image(self, points: Array) -> Array:
         """Move (N, 2) points from the copy to the image."""
-        return np.asarray(cv2.perspectiveTransform(points[:, None], self._H_image_from_copy)[:, 0])
+        return np.asarray(cv2.perspectiveTransform(points[:, None], self.H_image_from_copy)[:, 0])
 
 
 def _outside(quad: Array, x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -224,7 +225,8 @@ def _area(points: NDArray[np.float32]) -> float:
     return float(cv2.contourArea(cv2.convexHull(points)))
 
 
-def _small(gray: Gray) -> Gray:
+def small_gray(gray: Gray) -> Gray:
+    """Shrink a frame to the copy on which motion is followed, at most `WIDTH` pixels wide."""
     height, width = gray.shape
     factor = max(1.0, width / WIDTH)
     size = round(width / factor), max(1, round(height / factor))

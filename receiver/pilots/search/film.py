@@ -61,6 +61,8 @@ class HeldFrame:
     pictures may move."""
     surrounded: tuple["Surrounded", ...] = ()
     """Quadrilaterals that are followed by what lies around them, too, with where they lie here."""
+    changes: "Changes | None" = None
+    """What the frame shows beyond what has moved; None to look at the frame itself."""
 
     def corners(self, corners: Corners) -> Corners:
         """Find where a display lies.
@@ -89,7 +91,7 @@ class HeldFrame:
             image.
         """
         H = self._homography(corners, layout)
-        return None if H is None else rectify(self.gray, H, layout.width, layout.height)
+        return None if H is None else self._rectified(H, layout.width, layout.height)
 
     def block_view(self, corners: Corners, maps: GridMaps) -> Gray | None:
         """Rectify a display with what lies around it to the size of maps of its blocks.
@@ -108,8 +110,14 @@ class HeldFrame:
         shrunk = maps.layout.width // maps.inner[0]
         H_map_from_fine = resized_homography(1 / shrunk, 1 / shrunk)
         width, height = (shrunk * side for side in maps.size)
-        fine = rectify(self.gray, H @ maps.to_layout() @ H_map_from_fine, width, height)
+        fine = self._rectified(H @ maps.to_layout() @ H_map_from_fine, width, height)
         return np.asarray(cv2.resize(fine, maps.size, interpolation=cv2.INTER_AREA), np.uint8)
+
+    def _rectified(self, H: Homography, width: int, height: int) -> Gray:
+        """Rectify the frame, or what it shows beyond what has moved."""
+        if self.changes is None:
+            return rectify(self.gray, H, width, height)
+        return rectify(self.changes.image, self.changes.H_changes_from_image @ H, width, height)
 
     def _homography(self, corners: Array, layout: Layout) -> Homography | None:
         """Find where pixels of a display lie here; None where its corners are not sound."""
@@ -122,6 +130,16 @@ class HeldFrame:
         if not cv2.isContourConvex(outline) or cv2.contourArea(outline) < least:
             return None
         return homography_from_corners(quad, layout.width, layout.height)
+
+
+@dataclass(frozen=True, eq=False)
+class Changes:
+    """What a frame shows beyond what has moved since an earlier one."""
+
+    image: Gray
+    """What `receiver.pilots.compensate.Compensator` returns for a small copy of the frame."""
+    H_changes_from_image: Homography
+    """Homography from pixels of the frame to those of ``image``."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,9 +3,9 @@
 A search looks at a window of some tenths of a second (`window_search`). While it does, the frames
 of the next window are watched, so that a display which comes late need not wait for its end.
 
-Where something toggled like a display and none was detected, the next window takes the picture for
-one that moves, as a video does, and holds the room still alone. The work is cut into steps, one or
-two for each frame, so that no frame takes long.
+Every other window takes pictures for such that move, as a video does: the room alone is held still,
+and what has only moved is taken off the frames (`receiver.pilots.compensate`). The work is cut into
+steps, one or two for each frame, so that no frame takes long.
 """
 
 from collections.abc import Sequence
@@ -70,9 +70,8 @@ class PilotSearch:
         self.layouts, self._fps, self._observer = tuple(layouts), fps, observer
         self._steps = max(1, round(STEPS_HZ / fps))
         self.picture_moves = False
-        """Whether the picture of the display that was found moves by itself. Before one is found,
-        whether pictures are taken to move in the next window."""
-        self._failed = 0
+        """Whether the picture of the display that was found last moves by itself."""
+        self._begun = 0  # number of windows since then
         # steps hold their window, which knows nothing of them: it is freed where it is dropped
         self._windows: dict[WindowSearch, Search] = {}
 
@@ -89,12 +88,14 @@ class PilotSearch:
         gray = as_gray(image)
         for window in tuple(self._windows):
             if not window.watch.take(gray, time):
-                self._give_up(window)
+                del self._windows[window]
         if len(self._windows) < WINDOWS and all(w.is_late for w in self._windows):
             self._begin(image, time)
         left = self._steps
-        for window in sorted(self._windows, key=lambda w: (w.is_late, not w.waiting)):
-            if window.is_late:
+        for window in sorted(
+            self._windows, key=lambda w: (not w.is_settling, w.is_late, not w.waiting)
+        ):
+            if window.is_late and not window.is_settling:
                 left = ceil(left / 2)
             while left > 0:
                 try:
@@ -107,43 +108,37 @@ class PilotSearch:
         return None
 
     def doubt_picture(self) -> None:
-        """Take the picture for one that moves, or no longer for one, from the next search on."""
-        self.picture_moves = not self.picture_moves
+        """Begin the next search with a window that takes pictures for what they were not before."""
+        self._begun = int(not self.picture_moves)
 
     def _begin(self, image: Image, time: float) -> None:
         """Begin a window with a frame.
 
-        After one without a detection, windows are longer, and what is proposed late is tried
-        upright and sideways by turns.
+        By turns, windows take pictures for such that stand still and for such that move. After the
+        first one, windows are longer, and two try what is proposed late upright, the next two
+        sideways.
         """
-        number = self._failed + len(self._windows)
+        number, self._begun = self._begun, self._begun + 1
         watch = Watch(
             image,
             time,
             self._fps,
-            picture_moves=self.picture_moves or any(w.is_doubtful for w in self._windows),
+            picture_moves=number % 2 == 1,
             longer=2 if number else 1,
             observer=self._observer,
         )
-        turns = (ANY_TURN[(number - 1) % 2],) if number else ANY_TURN
+        turns = (ANY_TURN[(number - 1) // 2 % 2],) if number else ANY_TURN
         window = WindowSearch(watch, self.layouts, turns, is_alone=not self._windows)
         self._windows[window] = window.steps()
-        self.picture_moves = False
-
-    def _give_up(self, window: WindowSearch) -> None:
-        """Drop a window. Where something toggled in it like a display, the next picture moves."""
-        self._windows.pop(window, None)
-        if window.is_doubtful and not any(o.watch.picture_moves for o in self._windows):
-            self._windows, self.picture_moves = {}, True
 
     def _ended(self, detection: Detection | None, window: WindowSearch) -> PilotDisplay | None:
         """Say what was found in a window, and choose how the next one begins."""
         watch = window.watch
         if detection is None:
-            self._failed += 1
-            self._give_up(window)
+            del self._windows[window]
             return None
-        self._failed, self._windows, self.picture_moves = 0, {}, watch.picture_moves
+        self._begun, self._windows = 0, {}
+        self.picture_moves = watch.picture_moves or watch.moves(detection.proposal.corners)
         proposal, (*held, newest) = detection.proposal, watch.held
         return PilotDisplay(
             layout=proposal.layout,
@@ -151,6 +146,6 @@ class PilotSearch:
             first_corners=proposal.corners,
             k=detection.k,
             clock=proposal.toggling.clock_in_seconds(self._fps, watch.first.time),
-            picture_moves=watch.picture_moves or watch.moves(proposal.corners),
+            picture_moves=self.picture_moves,
             held=tuple(held),
         )

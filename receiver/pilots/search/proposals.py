@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import pairwise, product
 from math import prod
 
 import cv2
@@ -17,6 +17,7 @@ from link.steps import Steps
 from link.types import Array, Corners, Gray
 from models.region import CELL_PX, LEAST_PX
 from receiver.locate.candidates import display_candidates, leaving_quads
+from receiver.locate.edges import snap_to_edges
 from receiver.locate.quads import upright
 from receiver.pilots.motion import moved_corners
 from receiver.pilots.search.film import HeldFrame, positions
@@ -49,6 +50,15 @@ all frames have been watched. It bounds the work; chosen by hand."""
 MAPPED = 24
 """Largest number of frames, the newest ones, by which it is mapped what toggles. It bounds the
 work; the network learned from no more."""
+SNAP_SHARE = 0.09
+"""Distance, as a share of the root of a region's area, that its sides may move to an edge: the
+outlines of half of the simulated displays whose picture moves are so near."""
+EDGE_BLUR_PX = 1.0
+"""Standard deviation, in pixels of the stills, by which noise is smoothed before edges are sought.
+Chosen by hand."""
+LOG_LEVELS = 12.0
+"""Levels of the image of changes (`change_levels`) by which a change differs that is larger by a
+power of e: those of any film then fit into 8 bits. Chosen by hand."""
 STATES_HZ = (15.0, 30.0, 60.0, 120.0)
 """Numbers of states a second at which the pilots of layouts without a code are fitted to
 quadrilaterals that may be far off; where edges bound the display, it is found at any rate. Panels
@@ -152,6 +162,30 @@ class Proposer:
         quads = upright(np.reshape(outlines, (-1, 4, 2)))  # (N, 4, 2), N may be 0
         return [self._watch.on_image(quad) for quad in quads]
 
+    def snapped(self, regions: Sequence[Array]) -> Steps[list[Array]]:
+        """Move the sides of regions to edges: to those that are seen, and to those of what changes.
+
+        A picture that moves changes up to its border, even where it is as dark as what is around
+        it.
+
+        Args:
+            regions: as `regions` proposes them.
+
+        Returns:
+            two for each region, (4, 2) pixels of the reference.
+        """
+        stills, found = self._watch.stills.frames[-MAPPED:], []
+        changes = change_levels(stills)
+        yield 1
+        for region in regions:
+            quad = self._watch.on_copy(region)[None]
+            reach = SNAP_SHARE * float(np.sqrt(cv2.contourArea(np.float32(quad))))
+            for levels in (stills[0], changes):
+                smooth = cv2.GaussianBlur(levels, (0, 0), EDGE_BLUR_PX).astype(np.float32)
+                found.append(self._watch.on_image(snap_to_edges(smooth, quad, reach)[0]))
+            yield 1
+        return found
+
     def faint_edges(self) -> Iterator[list[Array]]:
         """Propose quadrilaterals in the mean of all frames, which has less noise than a frame.
 
@@ -254,6 +288,22 @@ def _pilots_in(view: Gray, layouts: Sequence[Layout]) -> list[NDArray[np.float32
         blocks = standing_out(view, layout).ravel()
         values += [blocks[layout.pilot_blocks], blocks[::-1][layout.pilot_blocks]]
     return values
+
+
+def change_levels(stills: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Show by how much pixels change from still to still, as an image.
+
+    Args:
+        stills: (T, h, w) uint8, at least two frames held still.
+
+    Returns:
+        (h, w) uint8: the logarithm of the mean squared change, in units of which `LOG_LEVELS` make
+        the change larger by a power of e.
+    """
+    power = np.zeros(stills.shape[1:], np.float32)
+    for before, after in pairwise(stills):
+        cv2.accumulateSquare(cv2.absdiff(after, before), power)
+    return np.asarray(LOG_LEVELS * np.log(power / (len(stills) - 1) + 1), np.uint8)
 
 
 def _without_details(gray: Gray, side: int, ways: Sequence[int]) -> Gray:

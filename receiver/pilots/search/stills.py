@@ -16,11 +16,18 @@ class Stills:
 
     def __init__(self) -> None:
         self._stills: list[NDArray[np.uint8]] = []
+        self._shown: list[NDArray[np.uint8]] = []
         self._shrunk: dict[int, list[NDArray[Any]]] = {}
 
-    def add(self, still: NDArray[np.uint8]) -> None:
-        """Take the next frame, (h, w) uint8, aligned with those before."""
+    def add(self, still: NDArray[np.uint8], changes: NDArray[np.uint8] | None = None) -> None:
+        """Take the next frame.
+
+        Args:
+            still: (h, w) uint8, aligned with those before.
+            changes: what views show instead of it, of the same shape; None to show the frame.
+        """
         self._stills.append(still)
+        self._shown.append(still if changes is None else changes)
 
     @property
     def frames(self) -> NDArray[np.uint8]:
@@ -57,9 +64,9 @@ class Stills:
         return np.array(views)
 
     def _copies(self, factor: int) -> Sequence[NDArray[Any]]:
-        """Average all stills down by a whole factor, without rounding; 1 leaves them."""
-        shrunk = self._stills if factor == 1 else self._shrunk.setdefault(factor, [])
-        for still in self._stills[len(shrunk) :]:
+        """Average all that views show down by a whole factor, without rounding; 1 leaves them."""
+        shrunk = self._shown if factor == 1 else self._shrunk.setdefault(factor, [])
+        for still in self._shown[len(shrunk) :]:
             rows, cols = (side // factor for side in still.shape)
             whole = np.float32(still[: rows * factor, : cols * factor])
             shrunk.append(cv2.resize(whole, (cols, rows), interpolation=cv2.INTER_AREA))

@@ -8,9 +8,16 @@ import numpy as np
 from link.geometry import in_image, transform
 from link.images import as_gray
 from link.types import Array, Corners, Gray, Homography, Image
-from receiver.pilots.search.film import HeldFrame, MovingOutline, Surrounded, surroundings_of
+from receiver.pilots.compensate import Compensator
+from receiver.pilots.search.film import (
+    Changes,
+    HeldFrame,
+    MovingOutline,
+    Surrounded,
+    surroundings_of,
+)
 from receiver.pilots.search.stills import Stills
-from receiver.pilots.stabilise import Stabiliser, Tracks
+from receiver.pilots.stabilise import Stabiliser, Tracks, small_gray
 from receiver.pilots.waves import position
 
 WINDOW_S, LEAST_WINDOW, MOST_WINDOW = 0.4, 24, 48
@@ -59,7 +66,8 @@ class Watch:
         reference: the reference frame, an `Image`.
         time: when it was taken, seconds.
         fps: nominal number of frames of the camera in a second; some may be missing.
-        picture_moves: whether the room alone is held still, because a picture may move in it.
+        picture_moves: whether pictures are taken to move: the room alone is held still, and what
+            has only moved is taken off the frames before pilots are sought in them.
         longer: number of times the usual number of frames that are watched.
         observer: takes what the search tells of each place that it tries, if anybody asks.
     """
@@ -77,7 +85,10 @@ class Watch:
         self._observer = observer
         self.reference, self.picture_moves = reference, picture_moves
         gray = as_gray(reference)
-        self.first = HeldFrame(gray, np.eye(3), 0.0, time)
+        self._stabiliser = Stabiliser(gray, far_apart=picture_moves)
+        self.on_copy, self.on_image = self._stabiliser.on_copy, self._stabiliser.on_image
+        self._compensator = Compensator(fps) if picture_moves else None
+        self.first = HeldFrame(gray, np.eye(3), 0.0, time, changes=self._changes(small_gray(gray)))
         """The reference as a frame."""
         usual = int(np.clip(round(WINDOW_S * fps), LEAST_WINDOW, MOST_WINDOW))
         self.window, self.soon = longer * usual, usual // 2
@@ -91,8 +102,6 @@ class Watch:
         self.fps = fps
         self._own: dict[tuple[bytes, bool], list[Array]] = {}
         self._outlines: list[MovingOutline] = []
-        self._stabiliser = Stabiliser(gray, far_apart=picture_moves)
-        self.on_copy, self.on_image = self._stabiliser.on_copy, self._stabiliser.on_image
 
     @property
     def frames(self) -> list[HeldFrame]:
@@ -134,15 +143,23 @@ class Watch:
         if surrounded is None:
             surrounded = self._surrounded(gray, tracks)
         at = position(time - self.first.time, self.fps)
-        frame = HeldFrame(gray, H, at, time, tracks, surrounded)
+        frame = HeldFrame(gray, H, at, time, tracks, surrounded, self._changes(small_gray(gray)))
         for each in (frame,) if self._kept else (self.first, frame):  # now the film holds still
             self._kept.append(each)
             if len(self._kept) <= self.window:
-                still = self._stabiliser.still(each.gray, each.H_image_from_reference)
-                self.stills.add(still)
+                seen = [small_gray(each.gray)] + ([each.changes.image] if each.changes else [])
+                held = [self._stabiliser.still(copy, each.H_image_from_reference) for copy in seen]
+                self.stills.add(*held)
         if len(self._kept) > self.window + max(self._held, self.confirming):
             del self._kept[self.window]
         return True
+
+    def _changes(self, copy: Gray) -> Changes | None:
+        """Find what the copy of the next frame shows beyond what has moved, where it matters."""
+        if self._compensator is None:
+            return None
+        H_changes_from_image = np.asarray(np.linalg.inv(self._stabiliser.H_image_from_copy))
+        return Changes(self._compensator.take(copy), H_changes_from_image)
 
     def _shows_enough(self, H_image_from_reference: Homography | None) -> bool:
         """Tell whether a frame, held still so, shows enough of the reference."""

@@ -51,17 +51,12 @@ class WindowSearch:
     ) -> None:
         self.watch, self._turns, self._is_alone = watch, turns, is_alone
         self._proposer = Proposer(watch, layouts)
-        self.most_evidence = 0.0
-        """Largest evidence of a quadrilateral so far, before the number of trials is taken off."""
         self.is_late = False
         """Whether edges have been weighed coarsely in all frames that are watched."""
+        self.is_settling = False
+        """Whether a proposal is being verified."""
         self.waiting: list[Search] = []
         """Verifications that have waited for a frame, or wait for one."""
-
-    @property
-    def is_doubtful(self) -> bool:
-        """Whether something toggles like a display, unless its picture moves, too."""
-        return self.most_evidence > PROMISING and not self.watch.picture_moves
 
     def steps(self) -> Search:
         """Search, each step with the frames that have come so far.
@@ -128,7 +123,8 @@ class WindowSearch:
         if found := (yield from self._weigh_coarsely(next(faint))):
             return found
         regions = yield from self._proposer.regions()
-        if found := (yield from self._weigh_coarsely(regions)):
+        snapped = yield from self._proposer.snapped(regions)
+        if found := (yield from self._weigh_coarsely([*snapped, *regions])):
             return found
         if found := (yield from self._fit(regions[:1], turns)):
             return found
@@ -181,7 +177,6 @@ class WindowSearch:
     def _verify(self, proposal: Proposal, evidence: float) -> Search:
         """Verify a proposal with this evidence in all frames so far, before it pays."""
         self.watch.tell("verifying", proposal.corners, evidence)
-        self.most_evidence = max(self.most_evidence, evidence)
         return (yield from self._go_on(verify(proposal, evidence, self.watch)))
 
     def _go_on(self, verification: Search) -> Search:
@@ -189,7 +184,9 @@ class WindowSearch:
         while True:
             try:
                 work = next(verification)
+                self.is_settling = work != NEXT_FRAME
             except StopIteration as end:
+                self.is_settling = False
                 self.waiting = [each for each in self.waiting if each is not verification]
                 found: Detection | None = end.value
                 return found

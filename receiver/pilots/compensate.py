@@ -1,0 +1,99 @@
+"""What frames show beyond what has only moved: motion compensation.
+
+A picture that moves changes its pixels by far more than the message does. But what moves was there
+in the frame before, only elsewhere. So each frame is compared with an earlier one whose parts are
+moved to where they now lie. What is left is what toggles, noise, and what has come into sight. The
+motion is found on a grid of points by optical flow (Lucas & Kanade 1981 on pyramids, Bouguet 2000).
+"""
+
+from collections import deque
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from link.types import Gray
+from receiver.pilots.stabilise import FLOW_ENDS, FLOW_PX
+
+SPACING_PX = 8
+"""Distance of the grid's points, in pixels: half of what is compared around a point, so that all of
+the image is. Chosen by hand."""
+EARLIER_S = 1 / 30
+"""Time, in seconds, from the earlier frame to the one that is compared with it, at least one frame:
+most displays show another state by then, and most things have moved little. Chosen by hand."""
+NOTHING, STEPS = 128, 4
+"""Level of an image of changes where nothing is left, and its levels for a gray level that is left:
+so 32 gray levels either way fit into 8 bits, and less than what toggles is told apart."""
+
+
+class Compensator:
+    """Compares frames with earlier ones whose parts are moved to where they now lie.
+
+    Args:
+        fps: number of frames in a second.
+
+    >>> compensator, frame = Compensator(30.0), np.zeros((48, 64), np.uint8)
+    >>> frame[10:30, 10:30] = np.arange(20) * 10  # what moves to the right
+    >>> _ = compensator.take(frame)
+    >>> changes = compensator.take(np.roll(frame, 2, axis=1))
+    >>> int(changes[14:26, 16:26].max() - NOTHING) <= STEPS  # one gray level; pixels differ by 10
+    True
+    """
+
+    def __init__(self, fps: float) -> None:
+        self._earlier = deque[Gray](maxlen=max(1, round(EARLIER_S * fps)))
+
+    def take(self, gray: Gray) -> Gray:
+        """Take the next frame, and show what is left of it.
+
+        Args:
+            gray: (h, w) uint8, of the size of those before.
+
+        Returns:
+            (h, w) uint8: `NOTHING`, plus `STEPS` for each gray level by which a pixel is brighter
+            than it was. The first frame, which nothing comes before, shows nothing.
+        """
+        moved = moved_onto(gray, self._earlier[0]) if self._earlier else gray
+        self._earlier.append(gray)
+        left = cv2.subtract(gray, moved, dtype=cv2.CV_16S)
+        return np.asarray(np.clip(STEPS * left + NOTHING, 0, 255), np.uint8)
+
+
+def moved_onto(gray: Gray, earlier: Gray) -> Gray:
+    """Move the parts of an earlier frame to where they lie in a frame; both are (h, w) uint8."""
+    height, width = gray.shape
+    points = _grid(width, height)
+    found, status, _ = cv2.calcOpticalFlowPyrLK(
+        gray,
+        earlier,
+        points.reshape(-1, 1, 2),  # (rows, cols, 2) -> (rows * cols, 1, 2)
+        None,
+        winSize=(FLOW_PX, FLOW_PX),
+        maxLevel=2,
+        criteria=FLOW_ENDS,
+    )
+    found = np.where(status[:, :, None] == 1, found, points.reshape(-1, 1, 2))
+    motion = found.reshape(points.shape) - points
+    x, y = (
+        cv2.resize(cv2.medianBlur(np.ascontiguousarray(part), 3), (width, height))
+        for part in np.moveaxis(motion, 2, 0)
+    )
+    return np.asarray(
+        cv2.remap(
+            earlier,
+            x + np.arange(width, dtype=np.float32),
+            y + np.arange(height, dtype=np.float32)[:, None],
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+    )
+
+
+@lru_cache(maxsize=4)
+def _grid(width: int, height: int) -> NDArray[np.float32]:
+    """Lay the grid's points into an image, (rows, cols, 2), x and y, so that `resize` fits them."""
+    cols, rows = (max(1, round(side / SPACING_PX)) for side in (width, height))
+    x = (np.arange(cols) + 0.5) * width / cols - 0.5
+    y = (np.arange(rows) + 0.5) * height / rows - 0.5
+    return np.stack(np.meshgrid(x, y), axis=2).astype(np.float32)
