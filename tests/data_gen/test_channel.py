@@ -96,28 +96,6 @@ def test_the_displayed_frames_are_not_changed() -> None:
     assert np.array_equal(SCENE.embedded, before[1])
 
 
-def test_a_gray_picture_is_filmed_as_its_rgb_twin() -> None:
-    gray = replace(SCENE, original=SCENE.original[:, :, 1], embedded=SCENE.embedded[:, :, 1])
-    frames = [np.repeat(f[:, :, None], 3, axis=2) for f in (gray.original, gray.embedded)]
-    rgb = replace(SCENE, original=frames[0], embedded=frames[1])
-    both = [film(PAIRS["canon-lg"], shown, 10.0) for shown in (gray, rgb)]
-    assert np.array_equal(both[0].embedded, both[1].embedded)
-    assert np.array_equal(both[0].original, both[1].original)
-
-
-def test_doubling_the_exposure_doubles_the_captured_light_until_saturation() -> None:
-    pair = with_parameter(only("canon-lg", "transfer"), "gamma", (1.0, 1.0, 1.0))
-    pair = with_parameter(with_parameter(pair, "encoding", "linear"), "black", 0.0)
-    pair = with_parameter(pair, "tone_curve", ((0.0, 0.0), (1.0, 1.0)))
-    for white_level, expected in ((0.25, 40), (0.5, 80), (1.0, 160)):
-        captured = film(with_parameter(pair, "white_level", white_level), even_scene(160))
-        assert np.abs(levels(captured.original) - expected).max() <= IDENTITY_LEVELS
-    drifting = with_parameter(only("canon-lg", "drift"), "drift", 0.5)
-    bright = [film(drifting, even_scene(250), seed=seed).embedded for seed in range(6)]
-    assert any(np.all(frame == 255) for frame in bright)  # and never wraps around
-    assert {frame.min() for frame in bright} == {frame.max() for frame in bright}
-
-
 @pytest.mark.parametrize("room", [False, True])
 def test_an_exposure_ends_at_saturation(room: bool) -> None:
     layout, rng = SCENE.layout, np.random.default_rng(0)
@@ -197,13 +175,6 @@ def test_metering_makes_up_for_its_share_of_the_fall_off() -> None:
         assert metered_gain(metered, 0.0) == 1
 
 
-@pytest.mark.parametrize("name", PAIRS)
-def test_full_metering_keeps_white_as_bright_at_every_view(name: str) -> None:
-    pair = with_parameter(with_parameter(get_pair(name), "metering", 1.0), "haze", 0.0)
-    pair = with_parameter(switch_off(pair, ["crosstalk"]), "white_level", 0.4)
-    assert cdtf(pair, 70.0)[255, 1] == pytest.approx(cdtf(pair, 0.0)[255, 1], rel=1e-3)
-
-
 def test_full_metering_keeps_an_oblique_capture_bright() -> None:
     pair = only("canon-samsung", "angle")
     held, metered = (
@@ -241,12 +212,6 @@ def test_cdtf_rises_and_predicts_even_captures_at_the_centre(name: str, view: fl
         assert np.abs(captured - curve[level]).max() <= CDTF_LEVELS
 
 
-def test_cdtf_is_that_of_the_centre_where_the_backlight_is_full() -> None:
-    pair = get_pair("canon-lg")
-    even = switch_off(pair, ["uniformity"])
-    np.testing.assert_allclose(cdtf(pair, 0.0), cdtf(even, 0.0), atol=255 * FLOAT32)
-
-
 @pytest.mark.parametrize("name", PAIRS)
 def test_frontal_white_is_stored_just_below_clipping(name: str) -> None:
     white = cdtf(switch_off(get_pair(name), ["uniformity"]), 0.0)[255]
@@ -268,14 +233,3 @@ def test_switching_an_effect_off_leaves_the_draws_of_the_others() -> None:
         assert state == state_without, effect
         if effect not in ("perspective", "corners"):
             assert np.array_equal(full.corners, without.corners), effect
-
-
-@pytest.mark.parametrize("effect", sorted({"corners", "noise", "jpeg", "flicker", "jitter"}))
-def test_the_drift_is_the_same_whatever_else_is_on(effect: str) -> None:
-    def ratio(*effects: str) -> float:
-        pair = with_parameter(only("canon-lg", *effects), "drift", 0.2)
-        captured = film(pair, even_scene(100), seed=3)
-        return float(levels(captured.embedded)[8:-8, 8:-8].mean() / 100)
-
-    assert abs(ratio("drift") - 1) > 0.1
-    assert ratio("drift", effect) == pytest.approx(ratio("drift"), rel=0.02)

@@ -136,14 +136,6 @@ def test_a_lens_bends_the_image_and_the_truth_alike() -> None:
     assert bright > 1.01 * cv2.contourArea(bent_corners.astype(np.float32))  # the sides bulge
 
 
-def test_sharpening_overshoots_at_edges() -> None:
-    plain = stream(SHORT, states=(GRAY,))[0]
-    phone = PhoneProcessor(PhoneSettings(sharpen=1.0), DISPLAY, np.random.default_rng(0))
-    sharp = phone.process(plain).rgb
-    assert sharp.max() > plain.rgb.max() + 5
-    assert abs(sharp.mean() - plain.rgb.mean()) < 1
-
-
 def test_motion_smears_along_its_way() -> None:
     point = np.zeros((31, 31, 3), np.float32)
     point[15, 15] = 1

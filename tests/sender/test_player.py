@@ -411,47 +411,6 @@ def test_a_page_of_a_fine_grid_is_small(tmp_path: Path) -> None:
     assert page - 4 / 3 * noise.size - bits.size < 50_000  # little more than picture and bits
 
 
-@pytest.mark.slow
-def test_each_state_stays_for_its_refreshes(
-    open_window: OpenWindow, player: Path, small: Loop
-) -> None:
-    page = open_window(120, 160)
-    start(page, player)
-    page.evaluate("window.log = [], player.draw = player.show, 0")
-    page.evaluate("player.show = (k) => { log.push([stats.refreshes, k]); player.draw(k); }, 0")
-    wait_for(page, "log.length > 20")
-    log, dropped = page.evaluate("[log, stats.dropped]")
-    refreshes, states = np.array(log).T
-    count = 2 * len(small.bits)
-    np.testing.assert_array_equal(states, refreshes // 4 % count)
-    late = (refreshes % 4).sum()  # only a refresh that the browser skipped delays a change
-    assert late <= dropped
-    held = np.diff(refreshes - refreshes % 4)
-    assert (held % 4 == 0).all()
-    assert np.mean(held == 4) > 0.5
-
-
-@pytest.mark.slow
-def test_a_skipped_refresh_is_counted_and_the_rate_kept(
-    open_window: OpenWindow, player: Path
-) -> None:
-    page = open_window(120, 160)
-    start(page, player)
-    wait_for(page, "stats.refreshes > 20")
-    script = """new Promise((done) => requestAnimationFrame((first) => {
-        const before = { ...stats };
-        const until = performance.now() + 250;
-        while (performance.now() < until);
-        setTimeout(() => requestAnimationFrame((last) => requestAnimationFrame(() =>
-            done([before, { ...stats }, (last - first) / 1000])
-        )), 200);
-    }))"""
-    before, after, seconds = page.evaluate(script)
-    assert after["dropped"] - before["dropped"] >= 0.2 * before["hz"]
-    passed = after["refreshes"] - before["refreshes"]
-    assert passed == pytest.approx(seconds * after["hz"], abs=4)
-
-
 # People
 
 
