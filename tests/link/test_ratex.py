@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from link.layout import Layout, make_layout
+from link.layout import MODULATIONS, Layout, make_layout
 from link.ratex import (
     LEVELS,
     SAMPLES,
@@ -15,7 +15,6 @@ from link.ratex import (
     draw_patches,
     match_patches,
     patch_correlation,
-    shown_levels,
     tile_labels,
     tile_levels,
     training_pixels,
@@ -69,36 +68,22 @@ def test_each_patch_alone_spans_most_of_the_range(layout: Layout) -> None:
 
 @every_layout
 @every_kappa
-def test_training_pixels_tell_what_is_drawn_under_them(layout: Layout, kappa: int) -> None:
-    original = drawn(layout, kappa, embedded=False).astype(int)
-    embedded = drawn(layout, kappa, embedded=True).astype(int)
-    pixels = training_pixels(layout, kappa)
-    np.testing.assert_array_equal(original[pixels.y, pixels.x], pixels.rho)
-    change = embedded[pixels.y, pixels.x] - original[pixels.y, pixels.x]
-    np.testing.assert_array_equal(change, kappa * pixels.label)
-
-
-@every_layout
-@every_kappa
-def test_antipodal_tiles_toggle_up_or_down_within_the_same_levels(
-    layout: Layout, kappa: int
+@pytest.mark.parametrize("modulation", MODULATIONS)
+def test_training_pixels_tell_what_is_drawn_under_them(
+    layout: Layout, kappa: int, modulation: str
 ) -> None:
-    antipodal = replace(layout, modulation="antipodal")
-    darker, labels = tile_levels(layout, kappa), tile_labels(layout)
-    np.testing.assert_array_equal(tile_levels(antipodal, kappa), darker)
-    np.testing.assert_array_equal(tile_labels(antipodal), labels)
-    for embedded in (False, True):
-        shown = shown_levels(antipodal, kappa, embedded=embedded)
-        np.testing.assert_array_equal(shown, darker + kappa * (labels == int(embedded)))
-        on_off = shown_levels(layout, kappa, embedded=embedded)
-        np.testing.assert_array_equal(on_off, darker + kappa * labels * int(embedded))
-    original = drawn(antipodal, kappa, embedded=False).astype(int)
-    embedded = drawn(antipodal, kappa, embedded=True).astype(int)
-    pixels = training_pixels(antipodal, kappa)
+    """Antipodal tiles have the levels and labels of on-off ones, and toggle up or down."""
+    toggling = replace(layout, modulation=modulation)
+    original, embedded = (
+        drawn(toggling, kappa, embedded=late).astype(int) for late in (False, True)
+    )
+    pixels, usual = training_pixels(toggling, kappa), training_pixels(layout, kappa)
     np.testing.assert_array_equal(original[pixels.y, pixels.x], pixels.rho)
+    np.testing.assert_array_equal(pixels.label, usual.label)
+    np.testing.assert_array_equal(tile_levels(toggling, kappa), tile_levels(layout, kappa))
     change = embedded[pixels.y, pixels.x] - original[pixels.y, pixels.x]
-    np.testing.assert_array_equal(change, kappa * (2 * pixels.label - 1))
-    np.testing.assert_array_equal(pixels.label, training_pixels(layout, kappa).label)
+    up = {"on_off": pixels.label, "antipodal": 2 * pixels.label - 1}
+    np.testing.assert_array_equal(change, kappa * up[modulation])
 
 
 @pytest.mark.parametrize("embedded", [False, True])
@@ -167,10 +152,6 @@ def test_training_pixels_touch_the_inner_half_at_any_size(layout: Layout) -> Non
 def test_no_patches_give_no_training_pixels() -> None:
     pixels = training_pixels(make_layout(ratex=0), 3)
     assert [len(v) for v in (pixels.y, pixels.x, pixels.rho, pixels.label)] == [0, 0, 0, 0]
-
-
-def test_tile_orders_hold_every_intensity_and_label_once() -> None:
-    assert (np.sort(TILE_ORDERS, axis=1) == np.arange(TILES**2)).all()
 
 
 def test_the_first_patch_is_what_every_receiver_expects() -> None:

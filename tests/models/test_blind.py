@@ -90,11 +90,6 @@ def test_blind_reads_gray_frames(filmed: Captured) -> None:
     assert errors(replace(pair, frames=tuple(frames)), truth(filmed)) == 0
 
 
-def test_a_swapped_pair_flips_the_bits(filmed: Captured) -> None:
-    swapped = replace(filmed, original=filmed.embedded, embedded=filmed.original)
-    assert errors(swapped.rectified(), 1 - truth(filmed)) == 0
-
-
 def test_a_swapped_pair_flips_the_bits_of_a_strong_message() -> None:
     """Kappa 40 darkens its ones by more than drift is expected to."""
     strong = message(0.5, kappa=40)

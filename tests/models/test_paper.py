@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import cases
 from numpy.typing import NDArray
-from tolerances import FLOAT32, FLOAT64, TWIN_SCORE
+from tolerances import FLOAT32, FLOAT64
 
 from link.embed import embed
 from link.errors import InputError, UnsuitedError
@@ -135,13 +135,6 @@ def test_two_step_needs_patches_and_pilots_are_none() -> None:
         make_decoder("two_step").decode(pair)
 
 
-@pytest.mark.parametrize("name", ["naive", "oorc"])
-def test_without_patches_and_pilots_nothing_teaches(name: str) -> None:
-    pair, _ = make_pair(layout=make_layout(ratex=0, modulation="antipodal"))
-    with pytest.raises(UnsuitedError, match="ratex patches or pilots and the layout has none"):
-        make_decoder(name).decode(pair)
-
-
 @pytest.mark.parametrize("threshold", ["clusters", "constant"])
 @pytest.mark.parametrize("pilots", [0, 16])
 def test_hidden_ratex_reads_antipodal_pairs(threshold: str, pilots: int) -> None:
@@ -201,15 +194,6 @@ def test_two_step_undoes_the_cdtf_before_its_fixed_threshold() -> None:
     assert np.abs(soft.scores - (CHANGES - 2.5)).max() < 1.1  # halves are rounded down
 
 
-@pytest.mark.parametrize("options", [("naive", 5.0), ("two_step", 4.0)])
-def test_a_fixed_threshold_reads_a_curved_pair_and_fails_where_it_does_not_fit(
-    options: tuple[str, float],
-) -> None:
-    (name, threshold), (pair, bits) = options, make_pair()
-    assert errors(name, pair, bits, threshold=threshold) <= 2
-    assert errors(name, pair, bits, threshold=50 * threshold) == bits.sum()
-
-
 def test_the_paper_threshold_reads_hidden_ratex_through_a_linear_cdtf() -> None:
     pair, bits = make_pair(lambda i: i, hidden=True)
     assert errors("hidden_ratex", pair, bits, threshold="constant") == 0
@@ -228,16 +212,6 @@ def test_clusters_follow_the_offset_that_gain_drift_makes() -> None:
     assert errors("hidden_ratex", pair, bits, threshold="clusters") == 0
 
 
-@pytest.mark.parametrize("name", CLASSICAL)
-def test_gray_and_equal_colour_channels_give_the_same_scores(name: str) -> None:
-    gray, _ = make_pair(hidden=name == "hidden_ratex")
-    frames = [np.repeat(f[:, :, None], 3, axis=2) for f in (gray.original, gray.embedded)]
-    colour = replace(gray, frames=tuple(frames))
-    decoder = make_decoder(name)
-    expected = decoder.decode(gray).scores
-    np.testing.assert_allclose(decoder.decode(colour).scores, expected, rtol=0, atol=TWIN_SCORE)
-
-
 def test_intensity_of_a_colour_frame_is_its_luma() -> None:
     colours = np.array([[[255, 0, 0], [0, 255, 0], [0, 0, 255], [255, 255, 255]]], np.uint8)
     np.testing.assert_allclose(intensity(colours), [[0.299, 0.587, 0.114, 1]], atol=FLOAT32)
@@ -250,27 +224,11 @@ def random_pixels(count: int, seed: int) -> Array:
     return np.column_stack([i_o, i_o + np.random.default_rng(seed + 1).normal(0, 0.05, count)])
 
 
-def kernel(a: Array, b: Array, degree: int = 4) -> Array:
-    """(N, M) kernel K = Phi(a) . Phi(b) of (N, 2) and (M, 2) pixels, from the Legendre Gram matrix.
-
-    With S(x, y) = sum_k P_k(x) P_k(y), K expands into S(o, o') - S(o, e') - S(e, o') + S(e, e').
-    """
-    gram = np.einsum("nik,mjk->nmij", legendre(a, degree), legendre(b, degree))
-    return gram[:, :, 0, 0] - gram[:, :, 0, 1] - gram[:, :, 1, 0] + gram[:, :, 1, 1]
-
-
 @pytest.mark.parametrize("degree", [1, 4, 7])
 def test_legendre_agrees_with_numpy(degree: int) -> None:
     i = np.linspace(0, 1, 101)
     expected = np.polynomial.legendre.legvander(2 * i - 1, degree)[:, 1:]
     np.testing.assert_allclose(legendre(i, degree), expected, rtol=0, atol=FLOAT64)
-
-
-@pytest.mark.parametrize("degree", [1, 4, 6])
-def test_kernel_is_the_product_of_explicit_maps(degree: int) -> None:
-    a, b = random_pixels(30, 0), random_pixels(20, 5)
-    expected = explicit_map(a[:, 0], a[:, 1], degree) @ explicit_map(b[:, 0], b[:, 1], degree).T
-    np.testing.assert_allclose(kernel(a, b, degree), expected, rtol=0, atol=FLOAT64)
 
 
 def test_explicit_map_spans_the_papers_differences_of_powers() -> None:
