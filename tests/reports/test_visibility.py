@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import cases
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from link.errors import InputError
@@ -131,28 +131,6 @@ def test_moving_eyes_see_a_sine_by_the_thresholds_of_iec_tr_63158(hz: int, over:
     sine = 0.5 * np.sin(2 * np.pi * hz * np.arange(6000) / 6000)
     contrast = np.ptp(view.light([127.995, 128.005])) / 2 / view.light(128) * np.sinc(hz / 6000)
     assert stroboscopic_visibility(sine, view) == pytest.approx(contrast * over, rel=2e-3, abs=1e-8)
-
-
-def test_a_square_wave_is_four_over_pi_of_its_half_swing() -> None:
-    seen = contrast_over_threshold(np.tile([-0.5, 0.5], 30), ONE_GAZE).mean()
-    mean, half = ONE_GAZE.light(128), np.ptp(ONE_GAZE.light([127.5, 128.5])) / 2
-    sensitivity = flicker_sensitivity(30, float(f"{mean:.3g}"), *ONE_GAZE.degrees("block"))[0]
-    assert seen == pytest.approx(4 / np.pi * half / mean * sensitivity, rel=1e-3)
-
-
-def test_nothing_shown_is_not_seen() -> None:
-    assert contrast_over_threshold(np.zeros(60), FINE).mean() < 1e-12
-    assert message_visibility(replace(FINE, kappa=0), "antipodal", rng(), 2) < 1e-12
-
-
-@settings(max_examples=20, deadline=None)
-@given(st.floats(0.1, 20), st.floats(1.05, 3), st.integers(0, 100))
-def test_more_kappa_is_more_visible(kappa: float, times: float, seed: int) -> None:
-    small, large = (
-        message_visibility(replace(ONE_GAZE, kappa=k), "antipodal", rng(seed), 1)
-        for k in (kappa, kappa * times)
-    )
-    assert large > small
 
 
 def test_the_gaze_that_sees_most_counts() -> None:
