@@ -25,12 +25,10 @@ from link.embed import (
     with_head_room,
 )
 from link.errors import InputError
-from link.frames import Displayed
 from link.images.quality import psnr, ssim
 from link.layout import (
     Layout,
     block_index,
-    block_mean,
     make_layout,
 )
 from link.strength import block_steps
@@ -54,22 +52,6 @@ def message_pixels(layout: Layout) -> NDArray[np.bool_]:
     return layout.message_mask[of_y[:, None], of_x]
 
 
-def read_difference(displayed: Displayed) -> NDArray[np.intp]:
-    """The bits of a noise-free pair: has a block gained more than half of kappa?"""
-    change = displayed.embedded.astype(np.float64) - displayed.original
-    gray = change if change.ndim == 2 else change.mean(axis=2)
-    layout = displayed.layout
-    blocks = block_mean(gray, layout.rows, layout.cols)[layout.message_mask]
-    return (blocks > displayed.kappa / 2).astype(np.intp)
-
-
-@given(bits=arrays(np.intp, SMALL.n_bits, elements=st.integers(0, 1)), kappa=st.integers(1, 64))
-def test_bits_come_back_from_a_noise_free_pair(bits: NDArray[np.intp], kappa: int) -> None:
-    displayed = embed(noise(SMALL, 3), bits, SMALL, kappa)
-    np.testing.assert_array_equal(read_difference(displayed), bits)
-    np.testing.assert_array_equal(displayed.bits, bits)
-
-
 @pytest.mark.parametrize("channels", [(), (3,)], ids=["gray", "colour"])
 def test_ratex_tiles_toggle_by_their_own_kappa_and_blocks_by_the_messages(
     layout: Layout, channels: tuple[int, ...]
@@ -81,14 +63,6 @@ def test_ratex_tiles_toggle_by_their_own_kappa_and_blocks_by_the_messages(
     assert set(change[~inside].ravel().tolist()) == {0, 10}
     assert np.mean(change[~inside] == 10) == 0.5
     assert (displayed.kappa, displayed.ratex_kappa) == (3, 10)
-
-
-def test_kappa_of_the_ratex_patches_leaves_the_message_blocks_as_they_are(layout: Layout) -> None:
-    picture, bits, inside = noise(layout, 3), random_bits(layout), message_pixels(layout)
-    usual, strong = (embed(picture, bits, layout, 3, ratex_kappa=kappa) for kappa in (None, 10))
-    np.testing.assert_array_equal(usual.original[inside], strong.original[inside])
-    np.testing.assert_array_equal(usual.embedded[inside], strong.embedded[inside])
-    assert set((usual.embedded.astype(int) - usual.original)[~inside].ravel().tolist()) == {0, 3}
 
 
 def test_ratex_patches_reach_from_black_to_white_at_their_own_kappa(layout: Layout) -> None:
@@ -193,11 +167,13 @@ def test_pilots_of_on_off_blocks_change_as_bits_do() -> None:
 
 @channels_both
 @pytest.mark.parametrize("kappa", [1, 5, 64])
+@pytest.mark.parametrize("ratex_kappa", [None, 10])
 def test_on_off_frames_are_those_of_the_papers_formula(
-    kappa: int, channels: tuple[int, ...]
+    kappa: int, ratex_kappa: int | None, channels: tuple[int, ...]
 ) -> None:
+    """Whatever the kappa of the ratex patches."""
     picture, bits = noise(SMALL, *channels), random_bits(SMALL)
-    displayed = embed(picture, bits, SMALL, kappa)
+    displayed = embed(picture, bits, SMALL, kappa, ratex_kappa)
     levels = np.linspace(BOTTOM, TOP - kappa, 256).round().astype(np.uint8)
     added = (kappa * blocks_of(SMALL, bits)).astype(np.uint8)
     inside = message_pixels(SMALL)
@@ -247,14 +223,7 @@ def test_psnr_agrees_with_scikit_image(layout: Layout, channels: tuple[int, ...]
     pair = embed(noise(layout, *channels), random_bits(layout), layout, 5)
     expected = peak_signal_noise_ratio(pair.original, pair.embedded, data_range=255)
     assert psnr(pair.original, pair.embedded) == pytest.approx(expected, abs=FLOAT64)
-
-
-def test_psnr_of_a_known_difference() -> None:
-    black = np.zeros((16, 16), np.uint8)
-    assert psnr(black, black + np.uint8(255)) == 0
-    assert psnr(black, black + np.uint8(1)) == pytest.approx(48.1308, abs=1e-4)
-    assert psnr(black + np.uint8(1), black) == psnr(black, black + np.uint8(1))
-    assert psnr(black, black) == float("inf")
+    assert psnr(pair.original, pair.original) == float("inf")
 
 
 @pytest.mark.parametrize("channels", [(), (3,)], ids=["gray", "colour"])
@@ -279,10 +248,6 @@ def test_ssim_agrees_with_scikit_image(channels: tuple[int, ...]) -> None:
 def test_kappa_must_be_a_whole_number_in_range(layout: Layout, kappa: Any) -> None:
     with pytest.raises(InputError, match=f"^kappa: need 1 to 64 whole gray levels, got {kappa}"):
         embed(noise(layout), random_bits(layout), layout, kappa)
-
-
-@pytest.mark.parametrize("kappa", [0, -3, MAX_KAPPA + 1, 2.5])
-def test_kappa_of_the_ratex_patches_must_be_in_range_too(layout: Layout, kappa: Any) -> None:
     with pytest.raises(InputError, match=f"need 1 to 64 whole gray levels, got {kappa}"):
         embed(noise(layout), random_bits(layout), layout, 5, ratex_kappa=kappa)
 

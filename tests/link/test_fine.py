@@ -361,13 +361,6 @@ def test_noise_is_no_fine_message_and_takes_no_memory() -> None:
     assert collector.attempts == 0
 
 
-def test_nothing_received_is_no_fine_message() -> None:
-    collector = make_collector(730)
-    for step in range(3):
-        assert collector.add(np.full(730, np.nan), step) is None
-    assert collector.progress == 0
-
-
 @pytest.mark.slow
 def test_a_noisy_fine_message_is_right_or_absent() -> None:
     rng = np.random.default_rng(25)

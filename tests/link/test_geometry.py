@@ -103,16 +103,8 @@ def test_a_tilted_capture_of_a_smooth_picture_is_undone(turns: int, scale: float
 
 
 @pytest.mark.parametrize("turns", range(4))
-def test_the_homography_takes_the_frames_corners_to_the_captured_ones(turns: int) -> None:
-    corners = np.roll(TILTED, turns, axis=0)
-    H = homography_from_corners(corners, WIDTH, HEIGHT)
-    mapped = transform(H, frame_corners(WIDTH, HEIGHT))
-    np.testing.assert_allclose(mapped, corners, rtol=0, atol=FLOAT64 * WIDTH)
-    assert H[2, 2] == 1
-
-
-def test_the_homography_of_corners_off_the_float32_grid_is_good_to_a_subpixel() -> None:
-    corners = TILTED + 1 / 3
+def test_the_homography_of_corners_off_the_float32_grid_is_good_to_a_subpixel(turns: int) -> None:
+    corners = np.roll(TILTED, turns, axis=0) + 1 / 3
     mapped = transform(homography_from_corners(corners, 512, 384), frame_corners(512, 384))
     np.testing.assert_allclose(mapped, corners, rtol=0, atol=SUBPIXEL_PX)
 
@@ -156,19 +148,14 @@ def test_a_capture_is_rectified_by_the_corners_of_each_frame() -> None:
     assert (pair.layout, pair.kappa) == (layout, 4)
 
 
-def test_frames_of_two_sizes_are_no_pair() -> None:
+@cases((0, (), "original is 96x64 and embedded is 96x66"), (-2, (3,), "original is"))
+def test_frames_of_two_sizes_or_kinds_are_no_pair(
+    shorter: int, channels: tuple[int, ...], says: str
+) -> None:
     layout = make_layout(4, 4, WIDTH, HEIGHT, ratex=0)
-    frames = noise(WIDTH, HEIGHT), noise(WIDTH, HEIGHT + 2)
+    frames = noise(WIDTH, HEIGHT), noise(WIDTH, HEIGHT + 2 + shorter, *channels)
     corners = frame_corners(WIDTH, HEIGHT)
-    with pytest.raises(InputError, match="original is 96x64 and embedded is 96x66"):
-        Captured(*frames, layout, corners, corners).rectified()
-
-
-def test_a_gray_and_a_colour_frame_are_no_pair() -> None:
-    layout = make_layout(4, 4, WIDTH, HEIGHT, ratex=0)
-    frames = noise(WIDTH, HEIGHT), noise(WIDTH, HEIGHT, 3)
-    corners = frame_corners(WIDTH, HEIGHT)
-    with pytest.raises(InputError):
+    with pytest.raises(InputError, match=says):
         Captured(*frames, layout, corners, corners).rectified()
 
 

@@ -24,8 +24,8 @@ from models.pairwise import decode_by_pairs
 LAYOUT = make_layout(24, 32, modulation="antipodal", pilots="auto")
 WELL_READ = 0.99
 """Least share of right bits of a film with little noise."""
-PURE_BITS, MIXED_BITS = 0.999, 0.98
-"""Least share of right bits where exposures are pure, and where each frame mixes states."""
+MIXED_BITS = 0.98
+"""Least share of right bits where each frame mixes states."""
 
 
 @pytest.fixture(scope="module")
@@ -49,11 +49,6 @@ def share_right(scores, bits):
     """Share of right bits in the pairs of which frames show both states."""
     decided = scores[1:-1, LAYOUT.message_mask] > 0
     return (decided == bits[1:-1].astype(bool)).mean()
-
-
-def test_bits_of_a_film_are_read(decoder):
-    window, bits = window_of(noise=2.0)
-    assert share_right(score(decoder, window), bits) >= PURE_BITS
 
 
 @pytest.mark.parametrize("name", [name for name, card in DECODERS.items() if card.frames != "pair"])

@@ -230,15 +230,17 @@ def test_a_film_is_shown_and_saved_as_python_writes_it(sender: Page, tmp_path: P
     assert "graphics card" in shown.evaluate("painter.word")
 
 
+def png_chunk(kind: bytes, data: bytes) -> bytes:
+    """A part of a PNG file."""
+    check = struct.pack(">I", zlib.crc32(kind + data))
+    return struct.pack(">I", len(data)) + kind + data + check
+
+
 def huge_png(width: int, height: int) -> bytes:
     """A PNG of a size that its file does not show."""
-    head = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
-    rows = zlib.compress(bytes(2**20))
-    parts = [(b"IHDR", head), (b"IDAT", rows), (b"IEND", b"")]
-    return b"\x89PNG\r\n\x1a\n" + b"".join(
-        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-        for kind, data in parts
-    )
+    head = png_chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0))
+    rows = png_chunk(b"IDAT", zlib.compress(bytes(2**20)))
+    return b"\x89PNG\r\n\x1a\n" + head + rows + png_chunk(b"IEND", b"")
 
 
 SVG = b"""<svg xmlns="http://www.w3.org/2000/svg" width="99" height="99">
@@ -320,10 +322,8 @@ def test_a_large_picture_is_shrunk_to_the_usual_display(sender: Page, tmp_path: 
 def profiled_png(drawn: Image) -> bytes:
     """A PNG that says that its numbers are of Display P3 (a chunk cICP, PNG 3)."""
     _, data = cv2.imencode(".png", drawn[:, :, ::-1])
-    png, chunk = data.tobytes(), b"cICP" + bytes((12, 13, 0, 1))
-    after = 8 + 25  # signature and header
-    more = struct.pack(">I", 4) + chunk + struct.pack(">I", zlib.crc32(chunk))
-    return png[:after] + more + png[after:]
+    png, after = data.tobytes(), 8 + 25  # signature and header
+    return png[:after] + png_chunk(b"cICP", bytes((12, 13, 0, 1))) + png[after:]
 
 
 def animated_gif() -> bytes:
