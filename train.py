@@ -22,6 +22,7 @@ from tqdm import tqdm
 from data_gen.episodes import EpisodePlan, EpisodeSet, augmented_features, simulate_episodes
 from data_gen.frame_pair import Source
 from data_gen.pairs import PAIRS, get_pair
+from link.captures import read_manifest
 from link.cli import check_flags, run_cli
 from link.errors import InputError, ParameterError, at_least
 from link.files.lock import locked
@@ -41,8 +42,9 @@ from models.phi.training import (
 )
 from reports.captured.training_set import own_set
 from reports.engine.digest import code_digest
+from reports.engine.predict import recorded_conditions
 from reports.engine.records import write_lines
-from reports.evaluation.trained import BEFORE, export_and_evaluate, own_test, simulated_test
+from reports.evaluation.trained import BEFORE, export_and_evaluate, simulated_test
 from reports.film_training import FilmTrainConfig, train_films
 from reports.region_training import RegionTrainConfig, train_regions
 from reports.run import claim_folder
@@ -119,11 +121,12 @@ def main() -> None:
     pairs = tuple(PAIRS) if config.pair == "all" else (get_pair(config.pair).name,)
     layouts = LAYOUTS[config.layouts]
     plan = EpisodePlan(config.episodes // len(layouts), config.kappas, config.max_view)
-    test = simulated_test(config.pair, pairs, layouts, config.frames, config.seed, config.jobs)
+    test = simulated_test(pairs, layouts, config.frames, config.seed)
     own = None
     if config.captures is not None:
         own = own_set(config.captures, films=False, seed=config.seed)
-        layouts, test = (own.test[0].layout,), own_test(config.captures, own)
+        layouts = (own.test[0].layout,)
+        test = recorded_conditions(read_manifest(config.captures), own.held_out)
     module = initial_decoder(layouts[0], config.decoder, config.start).to(config.device)
     usual = "own" if own else config.pair
     folder, settings = config.out or Path("runs") / usual, training_settings(config)
@@ -141,7 +144,8 @@ def main() -> None:
             }
         train(module, episodes, config, folder)
         save_checkpoint(folder, module.cpu(), {"train": settings})
-        print(export_and_evaluate(module, test, folder, settings))
+        bench = config.captures, config.seed, config.jobs
+        print(export_and_evaluate(module, test, folder, settings, *bench))
         print(f"written: {folder}/report.html")
         (folder / STATE).unlink(missing_ok=True)
 

@@ -1,7 +1,6 @@
 """End of a training: the ONNX file, and the comparison on held-out pictures and draws."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -9,16 +8,14 @@ import pandas as pd
 
 from data_gen.frame_pair import Source
 from export.to_onnx import export
-from link.captures import read_manifest
 from link.errors import InputError
 from link.layout import Layout
 from models import OF_PAIRS
 from models.phi.decoder import PhiDecoder
-from reports.captured.training_set import OwnSet
 from reports.engine.backends import Backend
 from reports.engine.conditions import condition_names
 from reports.engine.methods import Method, methods_for
-from reports.engine.predict import Condition, paper_cells, predict, recorded_conditions
+from reports.engine.predict import Condition, paper_cells, predict
 from reports.engine.provenance import provenance
 from reports.evaluation.page import write_report
 from reports.render.tables import summary_table
@@ -34,83 +31,61 @@ FEW = ("naive", "oorc", "learned")
 """Methods that are compared on layouts with pilots, and on own captures."""
 
 
-@dataclass(frozen=True)
-class FinalTest:
-    """The held-out observations on which a trained decoder is compared with other methods."""
-
-    title: str
-    """Beginning of the tables' titles, which the names of conditions end."""
-    conditions: Sequence[Condition]
-    """Frame pairs that are decoded; one condition's table stands for itself."""
-    methods: Sequence[str]
-    """Names of the other methods."""
-    in_paper: bool
-    """Whether cells may be the paper's, which have patches."""
-    seed: int = 0
-    """Seed of every random draw."""
-    jobs: int = 1
-    """Number of processes that decode."""
-    captures: str = ""
-    """Folder of the own captures; empty where they are simulated."""
-
-
 def simulated_test(
-    name: str,
-    pairs: tuple[str, ...],
-    layouts: Sequence[Layout],
-    frames: int,
-    seed: int,
-    jobs: int,
-) -> FinalTest:
-    """Test a decoder on the paper's cells of each of its layouts.
+    pairs: Sequence[str], layouts: Sequence[Layout], frames: int, seed: int
+) -> list[Condition]:
+    """Make a condition of the paper's cells, held out, for each layout of a trained decoder.
 
     Args:
-        name: word for the pairs, such as "all".
         pairs: names of the camera-display pairs.
         layouts: layouts for which the decoder was trained.
         frames: number of held-out frame pairs in each cell.
         seed: seed of every random draw.
-        jobs: number of processes that decode.
     """
-    conditions = [
+    return [
         Condition(words, Source(layout, "test", seed), paper_cells(pairs), frames)
         for words, layout in zip(condition_names(layouts), layouts, strict=True)
     ]
-    title = f"{name}: 0° and 45°, κ 5 and 3, held-out pictures and channel draws, simulated"
-    patches = not layouts[0].pilots
-    return FinalTest(title, conditions, OF_PAIRS if patches else FEW, patches, seed, jobs)
-
-
-def own_test(captures: Path, own: OwnSet) -> FinalTest:
-    """Test a decoder on those of a folder of own captures that were held out."""
-    conditions = recorded_conditions(read_manifest(captures), own.held_out)
-    patches = not own.test[0].layout.pilots
-    return FinalTest("Held-out recordings", conditions, FEW, patches, captures=str(captures))
 
 
 def export_and_evaluate(
-    module: PhiDecoder, test: FinalTest, folder: Path, settings: Mapping[str, object]
+    module: PhiDecoder,
+    conditions: Sequence[Condition],
+    folder: Path,
+    settings: Mapping[str, object],
+    captures: Path | None,
+    seed: int,
+    jobs: int,
 ) -> str:
     """Export a trained decoder, and compare it with the one before and with other methods.
 
     Args:
         module: the trained decoder, on the CPU.
-        test: what it is compared on.
+        conditions: held-out observations, each with a table of its own.
         folder: holds the checkpoints; takes decoder.onnx and the files of a run.
         settings: settings of the training, which the ONNX file carries.
+        captures: folder of the own captures; None where they are simulated.
+        seed: seed of every random draw.
+        jobs: number of processes that decode.
 
     Returns:
         a table for each condition, and a line on how well torch and onnxruntime agree.
     """
     model = folder / "decoder.onnx"
     parity = export(module, model, folder.name, PARITY_FRAMES, settings)
-    methods = [*methods_for(test.methods, folder), untrained(folder)]
-    predicted = predict(test.conditions, methods, folder / PREDICTIONS, Backend(test.jobs))
+    simulated = captures is None
+    in_paper = simulated and not module.layout.pilots
+    methods = [*methods_for(OF_PAIRS if in_paper else FEW, folder), untrained(folder)]
+    predicted = predict(conditions, methods, folder / PREDICTIONS, Backend(jobs))
     if predicted.failed:
         raise InputError(predicted.failed[0])
     records = predicted.records
+    title = "Held-out recordings"
+    if simulated:
+        words = "0° and 45°, κ 5 and 3, held-out pictures and channel draws, simulated"
+        title = f"{settings['pair']}: {words}"
     tables = [
-        held_out_table(mine, "learned", f"{test.title}{name}", in_paper=test.in_paper)
+        held_out_table(mine, "learned", f"{title}{name}", in_paper=in_paper)
         for name, mine in records.groupby("condition", sort=False)
     ]
     agree = (
@@ -118,9 +93,8 @@ def export_and_evaluate(
         f"synthetic frame pairs, scores within {parity.max_difference:.1e}"
     )
     text = "\n\n".join([*tables, *predicted.left_out, agree])
-    stated = {"captures": test.captures} if test.captures else {}
-    simulated = not test.captures
-    write_page(folder, records, text, settings, test.seed, simulated=simulated, **stated)
+    stated = {} if simulated else {"captures": str(captures)}
+    write_page(folder, records, text, settings, seed, simulated=simulated, **stated)
     return text
 
 
