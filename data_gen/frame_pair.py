@@ -92,6 +92,16 @@ class Source:
             pair = with_parameter(pair, parameter, value)
         return pair
 
+    def observe(self, cell: Cell, index: int, equalised: bool) -> Captured:
+        """Make a frame pair, with what is known of it, for the comparison of decoders.
+
+        Args:
+            cell: pair, view and kappa.
+            index: number of the frame pair in its cell.
+            equalised: whether equalised pictures without ratex patches are shown.
+        """
+        return FramePair(self, cell, index, equalised).captured
+
 
 def shuffled_pictures(source: Source) -> Sequence[Picture]:
     """Return the source's pictures; photographs and drawings are mixed in every prefix."""

@@ -217,6 +217,10 @@ class Entry:
             raise InputError(f"{self.where}: {names}: differs from the manifest's sha256")
         return loaded
 
+    def observe(self, *_: object) -> Captured | KnownWindow:
+        """Read the frames: the one observation, which is there already."""
+        return self.load()
+
     def _load_window(self) -> KnownWindow:
         windows = unpack_windows(self.files[0], self.layout)
         if len(windows) != 1:

@@ -26,7 +26,6 @@ from reports.engine.predict import (
     Condition,
     Predicted,
     checkpoint_digest,
-    observe,
     paper_cells,
 )
 from reports.engine.provenance import provenance
@@ -68,7 +67,7 @@ def benchmark_conditions() -> list[Condition]:
 
 def frames_digest(condition: Condition) -> str:
     """First digits of the SHA-256 of the frames of a condition's first observation."""
-    seen = observe(condition.source, condition.cells[0], 0, False).rectified()
+    seen = condition.source.observe(condition.cells[0], 0, False).rectified()
     digest = hashlib.sha256()
     for frame in seen.frames:
         digest.update(np.ascontiguousarray(frame).tobytes())

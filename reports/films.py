@@ -22,7 +22,6 @@ from link.presets import PRESETS
 from models.film.window import reads_films
 from reports.captured.receive import receive_film
 from reports.captured.truth import match_loop
-from reports.engine.predict import observe
 
 USUAL_FPS = 30.0
 """Number of frames a second of the camera where none is named."""
@@ -107,23 +106,21 @@ class FilmSource:
         """Layout that the display shows."""
         return self.settings.layout
 
+    def observe(self, cell: Cell, index: int, equalised: bool) -> KnownWindow | Captured:
+        """Give the last window, or one of the last frame pairs, of a film with a found display.
+
+        All methods get the same one, whatever pictures they would have the display show.
+        """
+        each = 1 if reads_films(self.layout) else PAIRS_A_FILM
+        found = _film(self, cell, index // each, each)
+        return replace(found[index % each], kappa=self.settings.kappa)
+
 
 TRIES = 5
 """Number of films that are drawn for an observation at most: a display may not be found in each."""
 PAIRS_A_FILM = 8
 """Number of observations of each film of a layout that is read by frame pairs; of others, a film
 has one window."""
-
-
-@observe.register
-def _(source: FilmSource, cell: Cell, index: int, equalised: bool) -> KnownWindow | Captured:
-    """Give the last window, or one of the last frame pairs, of a film whose display was found.
-
-    All methods get the same one, whatever pictures they would have the display show.
-    """
-    each = 1 if reads_films(source.layout) else PAIRS_A_FILM
-    found = _film(source, cell, index // each, each)
-    return replace(found[index % each], kappa=source.settings.kappa)
 
 
 @lru_cache(maxsize=2)

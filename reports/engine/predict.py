@@ -11,20 +11,18 @@ import shutil
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import singledispatch
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from data_gen.channel.optics import check_view
-from data_gen.frame_pair import Cell, FramePair, Source
+from data_gen.frame_pair import Cell
 from data_gen.pairs import get_pair
-from link.captures import Entry, KnownWindow
+from link.captures import Entry
 from link.embed import check_kappa
 from link.errors import InputError, UnsuitedError, each_once
 from link.files.lock import locked
-from link.frames import Captured
 from link.images import write_bytes
 from link.layout import Layout
 from reports.engine.backends import Backend, one_thread
@@ -63,9 +61,9 @@ class Condition:
     name: str
     """Name that tells conditions of a study apart; "" where there is only one."""
     source: Any
-    """Pictures, seed, and the channel as it is set; `observe` knows how each kind makes
-    observations. It has the ``layout`` of the displayed pictures and, unless it is an `Entry`, as
-    ``pictures`` the folder of the user's own ones, or None."""
+    """Pictures, seed, and the channel as it is set; its method ``observe`` makes observations. It
+    has the ``layout`` of the displayed pictures and, unless it is an `Entry`, as ``pictures`` the
+    folder of the user's own ones, or None."""
     cells: tuple[Any, ...]
     """Camera-display pairs, views and kappas that are decoded: `Cell`s of a simulation, or the one
     `Entry` of a folder of captures that is the source, too."""
@@ -267,7 +265,7 @@ def decode_cell(task: Task) -> Decoded:
     one_thread()
     for index in condition.indices:
         for equalised in {condition.equalises(method) for method in decoders}:
-            captured = observe(condition.source, task.cell, index, equalised)
+            captured = condition.source.observe(task.cell, index, equalised)
             seen = captured.rectified()
             for method, decoder in decoders.items():
                 if condition.equalises(method) != equalised:
@@ -284,43 +282,15 @@ def decode_cell(task: Task) -> Decoded:
     return lines, unsuited
 
 
-@singledispatch
-def observe(source: Any, cell: Cell, index: int, equalised: bool) -> Captured | KnownWindow:
-    """Make one observation: a frame pair or a window of film, with what is known of it.
-
-    Each kind of source registers how it does so.
-
-    Args:
-        source: pictures, seed, and the channel.
-        cell: pair, view and kappa.
-        index: number of the observation in its cell.
-        equalised: whether equalised pictures without ratex patches are shown.
-    """
-    raise TypeError(f"no way to observe {source!r}")
-
-
-@observe.register
-def _(source: Entry, cell: Entry, index: int, equalised: bool) -> Captured | KnownWindow:
-    return source.load()
-
-
-@observe.register
-def _(source: Source, cell: Cell, index: int, equalised: bool) -> Captured:
-    return FramePair(source, cell, index, equalised).captured
-
-
-@singledispatch
-def what_decides(source: Any, condition: Condition) -> object:
+def what_decides(condition: Condition) -> object:
     """Give what decides observations beside code, as an object whose text tells it."""
+    source = condition.source
+    if isinstance(source, Entry):
+        return source.content
     files = sorted({cell.pair for cell in condition.cells if cell.pair.endswith(".json")})
     pictures = file_digest(sorted(source.pictures.glob("*")) if source.pictures else [])
     pairs = [get_pair(file) for file in files]
     return source, condition.frames, condition.same_captures, pairs, pictures
-
-
-@what_decides.register
-def _(source: Entry, condition: Condition) -> object:
-    return source.content
 
 
 def fingerprint(condition: Condition, method: Method) -> str:
@@ -332,7 +302,7 @@ def fingerprint(condition: Condition, method: Method) -> str:
     options: list[Any] = [option for option in method.options if option[0] != "checkpoint"]
     options += ["by pairs"] * method.by_pairs
     return short_digest(
-        repr((STORED_VERSION, what_decides(source, condition), method.name, options)),
+        repr((STORED_VERSION, what_decides(condition), method.name, options)),
         code_digest(type(source).__module__, module),
         outside_digest(module),
         checkpoint_digest(method, source.layout),

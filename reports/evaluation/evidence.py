@@ -1,15 +1,14 @@
 """Evidence in the report beside the main comparison: sweeps, pictures, and responses."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import pandas as pd
 
 from data_gen.frame_pair import Cell, FramePair
-from link.captures import KnownWindow
-from link.frames import Captured
 from reports.engine.checked import write_json
 from reports.engine.methods import Method
-from reports.engine.predict import Condition, observe
+from reports.engine.predict import Condition
 from reports.evaluation.response import measure_response
 from reports.evaluation.stories import worst_stories
 from reports.run import RESPONSES, STORIES, RunFolder
@@ -33,9 +32,9 @@ def simulated_pictures(
     """
     equalised = {method.label for method in methods if comparison.equalises(method)}
 
-    def filmed_again(row: pd.Series) -> Captured | KnownWindow:
+    def filmed_again(row: pd.Series) -> Any:
         cell = Cell(row["pair"], float(row["view_deg"]), int(row["kappa"]))
-        return observe(comparison.source, cell, int(row["index"]), row["method"] in equalised)
+        return comparison.source.observe(cell, int(row["index"]), row["method"] in equalised)
 
     write_json(folder.path / STORIES, worst_stories(records, filmed_again, folder.path))
 

@@ -15,7 +15,7 @@ from link.presets import PRESETS
 from reports import benchmark
 from reports.benchmark import benchmark_conditions
 from reports.engine.methods import Method
-from reports.engine.predict import Condition, observe, paper_cells
+from reports.engine.predict import Condition, paper_cells
 from reports.evaluation.comparison import film_conditions
 
 
@@ -64,7 +64,7 @@ def test_pictures_are_equalised_in_place_of_ratex_patches_alone() -> None:
 @pytest.mark.slow
 def test_films_of_patches_say_what_the_patches_displayed() -> None:
     (condition,) = film_conditions(["paper:30"], ["canon-lg"], [0.0], 1, 0)
-    captured = observe(condition.source, condition.cells[0], 0, False)
+    captured = condition.source.observe(condition.cells[0], 0, False)
     assert captured.kappa == PRESETS["paper"].kappa
     scores = Method("two_step").build().decode(captured.rectified()).scores
     assert np.mean((scores > 0) == captured.bits) > 0.9
