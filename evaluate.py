@@ -22,9 +22,8 @@ from reports.ablation.switches import ablation_methods
 from reports.benchmark import run_benchmark
 from reports.captured.door import open_recordings
 from reports.engine.backends import make_backend
-from reports.engine.methods import methods_for
+from reports.engine.methods import apply_protocol, methods_for
 from reports.engine.predict import Condition, paper_cells
-from reports.engine.protocols import apply_protocol
 from reports.evaluation.comparison import (
     Bench,
     evaluate_folder,

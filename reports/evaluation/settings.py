@@ -17,9 +17,8 @@ from link.captures import BELOW
 from link.errors import InputError, ParameterError, at_least, choose, each_once
 from link.layout import Layout
 from models import OF_PAIRS
-from reports.engine.methods import Method
+from reports.engine.methods import PROTOCOLS, Method
 from reports.engine.predict import checkpoint_digest
-from reports.engine.protocols import PROTOCOLS
 from reports.evaluation.sweeps import SWEEPS
 
 UNDECISIVE = ("out", "jobs", "backend", "scheduler", "show", "html", "report", "compare")
