@@ -77,8 +77,6 @@ class VideoSettings:
     chooses by the light."""
     hand: float = 1.0
     """Motion of the hand, and of the camera with it, relative to the usual; 0 for a tripod."""
-    exposure_drift: float | None = None
-    """Standard deviation of the log exposure within seconds; None for the pair's drift."""
     jumps_hz: float = 0.0
     """Number of times a second that automatic exposure makes for another level."""
     drop: float = 0.0
@@ -101,7 +99,6 @@ class VideoSettings:
             clock_error=(-0.1, 0.1, ""),
             start_s=(-1e6, 1e6, " seconds"),
             shutter=(1e-5, 1, " seconds"),
-            exposure_drift=(0, 1, ""),
             hand=(0, 100, ""),
             jitter_s=(0, 1, " seconds"),
         )
@@ -181,8 +178,7 @@ class _Stream:
             if camera.auto_exposure
             else None
         )
-        drift = settings.exposure_drift
-        drift = scene.pair.nuisance(scene.view_deg).drift if drift is None else drift
+        drift = scene.pair.nuisance(scene.view_deg).drift
         self.exposure = ExposureDrift(drift, settings.jumps_hz, exposure_rng)
         self.loss_rng, self.noise_rng, self.jitter_rng = loss_rng, noise_rng, jitter_rng
 

@@ -192,23 +192,6 @@ def nearest_frame(scores: NDArray[np.float64], bits: NDArray[np.integer]) -> NDA
     return np.asarray(bits[((scores > 0) != bits).sum(axis=1).argmin()])
 
 
-def deliveries(
-    settings: FilmSettings, view: float, flags: RatesFlags, workshop: Workshop
-) -> list[Delivery]:
-    """Film a message for each pair and run, and let a receiver read it.
-
-    Returns:
-        what became of each, ordered by pair and run.
-    """
-    takes = [
-        Take(settings, pair, view, run, flags.seed)
-        for run, pair in product(range(flags.runs), pair_names(flags.pairs))
-    ]
-    graphs = [shipped_graphs()[settings.layout], FILM_GRAPH]
-    found = workshop.each(deliver, {take.name: take for take in takes}, graphs)
-    return sorted(found.values(), key=lambda run: (run.pair, run.run))
-
-
 ROW_HEADS = (
     "setting", "states/s", "camera fps", "bytes", "view", "delivered", "95 % interval",
     "goodput, kbit/s (least)", "seconds, median", "bits wrong %",
@@ -275,14 +258,19 @@ def check_rates(flags: RatesFlags) -> None:
 
 
 def measure_rates(flags: RatesFlags, workshop: Workshop) -> RatesContent:
-    """Film and receive every setting from every angle."""
-    found = []
-    for name in flags.settings:
+    """Film a message for each setting, angle, pair and run, and let a receiver read it."""
+    series = []
+    for name, view in product(flags.settings, flags.views):
         film = flags.film(name)
-        for view in flags.views:
-            runs = deliveries(film, view, flags, workshop)
-            found.append(FilmSeries(name, film.n_bytes, view, runs))
-    return RatesContent(found)
+        takes = [
+            Take(film, pair, view, run, flags.seed)
+            for run, pair in product(range(flags.runs), pair_names(flags.pairs))
+        ]
+        graphs = [shipped_graphs()[film.layout], FILM_GRAPH]
+        found = workshop.each(deliver, {take.name: take for take in takes}, graphs)
+        runs = sorted(found.values(), key=lambda run: (run.pair, run.run))
+        series.append(FilmSeries(name, film.n_bytes, view, runs))
+    return RatesContent(series)
 
 
 def label_of_rates(flags: RatesFlags) -> str:
