@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import ROOT, cases
+from conftest import ROOT
 
 from data_gen.pairs import GROUPS, PAIRS, TODAY, get_pair, pair_names
 from link.errors import InputError
@@ -34,21 +34,6 @@ def test_each_number_of_the_paper_s_pairs_has_its_source() -> None:
 
 
 # What was fitted
-
-
-def test_fitted_nuisances_lie_within_their_bounds() -> None:
-    for pair in PAIRS.values():
-        for nuisance in (pair.frontal, pair.oblique):
-            assert 0.01 <= nuisance.drift <= 0.05
-            assert 0.05 <= nuisance.jitter_px <= 0.3
-            assert 0.2 <= nuisance.noise_scale <= 1.0
-
-
-@cases(("imac", 1.5, 3.0), ("lg", 2.0, 3.6), ("samsung", 2.8, 4.8))
-def test_fitted_fall_off_of_green_lies_within_its_bounds(
-    display: str, low: float, high: float
-) -> None:
-    assert low <= PAIRS[f"canon-{display}"].display.falloff[1] <= high
 
 
 def test_the_fall_off_of_the_tn_panel_exceeds_that_of_the_others_as_fitted() -> None:

@@ -102,15 +102,6 @@ def test_a_clean_message_needs_little_more_than_half_a_loop() -> None:
     assert steps <= 0.65 * len(bits)
 
 
-def test_repetitions_add_up_where_one_loop_is_not_enough() -> None:
-    rng = np.random.default_rng(1)
-    data = rng.bytes(60)
-    bits = encode(data, N_BITS)
-    message, steps, _ = listen(bits, rng, ber=0.2, loops=8)
-    assert message.data == data
-    assert steps > len(bits)
-
-
 def test_lost_count_is_found_again() -> None:
     rng = np.random.default_rng(2)
     data = rng.bytes(60)

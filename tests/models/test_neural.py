@@ -570,11 +570,3 @@ def test_one_flipped_bit_in_the_weights_is_noticed(checkpoint: Path) -> None:
     (checkpoint / "decoder.pt").write_bytes(data)
     with pytest.raises(InputError, match=r"decoder\.pt: differs from the sha256"):
         load_checkpoint(checkpoint)
-
-
-def test_weights_of_another_configuration_are_refused(checkpoint: Path) -> None:
-    saved = json.loads((checkpoint / "config.json").read_text())
-    saved["decoder"]["degree"] += 1
-    (checkpoint / "config.json").write_text(json.dumps(saved))
-    with pytest.raises(InputError, match=r"decoder\.pt: does not fit config\.json"):
-        load_checkpoint(checkpoint)
