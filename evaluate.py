@@ -31,9 +31,9 @@ from reports.evaluation.comparison import (
     film_conditions,
     film_tables,
 )
-from reports.evaluation.evidence import QUICK_FRAMES
 from reports.evaluation.page import write_report
 from reports.evaluation.settings import (
+    QUICK_FRAMES,
     EvaluateConfig,
     check_settings,
     chosen_sweeps,

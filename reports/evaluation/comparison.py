@@ -27,8 +27,8 @@ from reports.engine.predict import (
     recorded_conditions,
 )
 from reports.engine.provenance import provenance
-from reports.evaluation.evidence import simulated_pictures, write_responses
-from reports.evaluation.stories import worst_stories
+from reports.evaluation.response import write_responses
+from reports.evaluation.stories import simulated_pictures, worst_stories
 from reports.evaluation.sweeps import sweep_conditions
 from reports.films import FilmSource, film_settings
 from reports.render.tables import Table, cell_tables, information_table, summary_table

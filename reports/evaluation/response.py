@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from data_gen.frame_pair import FramePair
+from data_gen.frame_pair import Cell, FramePair
 from link.geometry import rectify
 from link.images import intensity
 from link.images.equalise import uniform_mapping
@@ -15,8 +15,10 @@ from link.types import Real
 from models.paper.common import tile_mean
 from models.paper.oorc import inverse_response
 from models.paper.two_step import fit_inverse_response
+from reports.engine.checked import write_json
 from reports.engine.methods import Method
-from reports.run import Response
+from reports.engine.predict import Condition
+from reports.run import RESPONSES, Response, RunFolder
 
 LEVELS = tuple(range(0, 256, 15))
 """Displayed gray levels of the uniform frames that are filmed."""
@@ -28,6 +30,34 @@ PHI_WEIGHTS = 4
 """Degree of g, which is the number of its coefficients in the paper's Φ."""
 MARGIN_PX = 8
 """Pixels at each side of the picture that are left out: the blur mixes in what is beside it."""
+CELLS, FRAMES = 6, 3
+"""Number of cells in which responses are measured, and of frame pairs in each of them."""
+
+
+def write_responses(folder: RunFolder, comparison: Condition, methods: Sequence[Method]) -> None:
+    """Measure what each method finds of the transfer function, where patches show it."""
+    if not comparison.source.layout.ratex:
+        return
+    cells = response_cells(comparison.cells)[:CELLS]
+    pairs = [
+        FramePair(comparison.source, cell, index)
+        for cell in cells
+        for index in range(min(FRAMES, comparison.frames))
+    ]
+    write_json(folder.path / RESPONSES, [measure_response(pair, methods) for pair in pairs])
+
+
+def response_cells(cells: Sequence[Cell]) -> list[Cell]:
+    """Choose the cells whose responses are measured: some unlike pairs, at the largest kappa.
+
+    >>> response_cells([Cell("canon-lg", 0.0, 3), Cell("canon-lg", 0.0, 5)])
+    [Cell(pair='canon-lg', view_deg=0.0, kappa=5)]
+    """
+    kappa = max(cell.kappa for cell in cells)
+    mine = [cell for cell in cells if cell.kappa == kappa]
+    pairs = list(dict.fromkeys(cell.pair for cell in mine))
+    wanted = pairs[:: max(1, len(pairs) // 3 + 1)] if len(pairs) > 3 else pairs
+    return [cell for pair in wanted for cell in mine if cell.pair == pair]
 
 
 def measure_response(filmed: FramePair, methods: Sequence[Method]) -> Response:

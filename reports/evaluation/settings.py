@@ -40,6 +40,8 @@ OF_BENCHMARK = (
 """Flags that have no effect with --benchmark, which fixes its conditions, and so are refused."""
 OF_RECORDINGS = ("photos", "camera", "view", "fps")
 """Flags that say more of own recordings."""
+QUICK_FRAMES = 4
+"""Largest number of frame pairs of each cell that ``evaluate.py --quick`` decodes."""
 
 
 @own_first

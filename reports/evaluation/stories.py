@@ -11,14 +11,18 @@ import cv2
 import numpy as np
 import pandas as pd
 
+from data_gen.frame_pair import Cell
 from link.captures import KnownWindow
 from link.frames import Captured, SoftBits
 from link.images import as_rgb, write_image
 from link.types import Image
 from reports.captured.evidence import PICTURES
 from reports.captured.receive import pair_of_window
+from reports.engine.checked import write_json
+from reports.engine.methods import Method
+from reports.engine.predict import Condition
 from reports.render.figures import GAIN, bits_panel, difference_panel
-from reports.run import Story
+from reports.run import STORIES, RunFolder, Story
 
 STRIP_WIDTH_PX = 384
 """Width of each picture of a story, pixels."""
@@ -52,6 +56,26 @@ def worst_stories(
         _story(row, load(row), folder, f"worst{number}")
         for number, (_, row) in enumerate(chosen.iterrows())
     ]
+
+
+def simulated_pictures(
+    folder: RunFolder, comparison: Condition, records: pd.DataFrame, methods: Sequence[Method]
+) -> None:
+    """Film the frame pairs that are read worst again, and write their pictures.
+
+    Args:
+        folder: folder of the run.
+        comparison: the main comparison.
+        records: its predictions.
+        methods: all methods that were compared.
+    """
+    equalised = {method.label for method in methods if comparison.equalises(method)}
+
+    def filmed_again(row: pd.Series) -> Any:
+        cell = Cell(row["pair"], float(row["view_deg"]), int(row["kappa"]))
+        return comparison.source.observe(cell, int(row["index"]), row["method"] in equalised)
+
+    write_json(folder.path / STORIES, worst_stories(records, filmed_again, folder.path))
 
 
 def _story(row: Any, loaded: Captured | KnownWindow, folder: Path, stem: str) -> Story:
