@@ -79,15 +79,9 @@ export const CLOCK_NUMBERS = 5;
  * @param {Float64Array} times - (n,) seconds
  * @param {Float64Array} places - (P, 2) x and y on the display, in [0, 1]
  * @param {PilotCode} [code] - says in which order the states of each frame pair are shown
- * @param {Float64Array} [shares] - (P, n), where the result is written
  * @returns {Float64Array} (P, n) in [0, 1]
  */
-export function embeddedShare(
-  clock,
-  times,
-  places,
-  code = PLAIN,
-  shares = new Float64Array((places.length / 2) * times.length),
-) {
+export function embeddedShare(clock, times, places, code = PLAIN) {
+  const shares = new Float64Array((places.length / 2) * times.length);
   return filled("embeddedShare", [clock, times, places, code.signs], shares);
 }

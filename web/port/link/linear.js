@@ -2,10 +2,14 @@
  * Small linear algebra on flat arrays, row by row.
  *
  * @typedef {ArrayLike<number>} Numbers
+ * @typedef {{ real: Numbers, imaginary: Numbers }} Complex - numbers of one length
  */
 
+/** Share of a vector's length that must be new to those before it for it to count beside them. */
+const NEW_SHARE = 1e-6;
+
 /**
- * Solve A x = b by Gaussian elimination with partial pivoting.
+ * Solve A x = b by elimination with partial pivoting.
  *
  * @param {Numbers} A - (n, n)
  * @param {Numbers} b - (n,)
@@ -56,75 +60,122 @@ export function multiply3(A, B) {
 }
 
 /**
- * Bring a matrix to the identity, and do the same to right-hand sides.
+ * Eliminate the unknowns of A X = B (Gauss and Jordan).
  *
  * @param {Numbers} A - (n, n)
  * @param {Numbers} B - (n, m)
  * @param {number} n
  * @param {number} m
+ * @returns {Float64Array} X (n, m)
  */
 function eliminated(A, B, n, m) {
-  const left = Float64Array.from(A);
-  const right = Float64Array.from(B);
+  const rows = Array.from({ length: n }, (_, row) =>
+    Float64Array.from({ length: n + m }, (_, col) =>
+      col < n ? A[row * n + col] : B[row * m + col - n],
+    ),
+  );
   for (let at = 0; at < n; at++) {
     let pivot = at;
     for (let row = at + 1; row < n; row++) {
-      if (Math.abs(left[row * n + at]) > Math.abs(left[pivot * n + at])) pivot = row;
+      if (Math.abs(rows[row][at]) > Math.abs(rows[pivot][at])) pivot = row;
     }
-    if (pivot !== at) {
-      swapRows(left, n, at, pivot);
-      swapRows(right, m, at, pivot);
-    }
-    const top = left[at * n + at];
-    for (let row = at + 1; row < n; row++) {
-      const factor = left[row * n + at] / top;
-      if (factor === 0) continue;
-      for (let col = at; col < n; col++) left[row * n + col] -= factor * left[at * n + col];
-      for (let col = 0; col < m; col++) right[row * m + col] -= factor * right[at * m + col];
-    }
+    [rows[at], rows[pivot]] = [rows[pivot], rows[at]];
+    rows.forEach((row, other) => {
+      if (other !== at) takeOff(row, rows[at], row[at] / rows[at][at]);
+    });
   }
-  for (let at = n - 1; at >= 0; at--) {
-    for (let col = 0; col < m; col++) {
-      let sum = right[at * m + col];
-      for (let k = at + 1; k < n; k++) sum -= left[at * n + k] * right[k * m + col];
-      right[at * m + col] = sum / left[at * n + at];
-    }
-  }
-  return right;
-}
-
-/**
- * @param {Float64Array} matrix
- * @param {number} cols
- * @param {number} one
- * @param {number} other
- */
-function swapRows(matrix, cols, one, other) {
-  for (let col = 0; col < cols; col++) {
-    const kept = matrix[one * cols + col];
-    matrix[one * cols + col] = matrix[other * cols + col];
-    matrix[other * cols + col] = kept;
-  }
+  return Float64Array.from({ length: n * m }, (_, at) => {
+    const row = Math.floor(at / m);
+    return rows[row][n + (at % m)] / rows[row][row];
+  });
 }
 
 /**
  * Add up the products of two arrays.
  *
  * @param {Numbers} a
- * @param {Numbers} b - of its length
- * @param {number} from - first index
- * @param {number} to - index after the last
+ * @param {Numbers} b - of its length, or longer
  */
-export function dot(a, b, from = 0, to = a.length) {
+export function dot(a, b) {
   // four sums, because each addition waits for the one before it
   let [one, two, three, four] = [0, 0, 0, 0];
-  let at = from;
-  for (; at + 3 < to; at += 4) {
+  let at = 0;
+  for (; at + 3 < a.length; at += 4) {
     one += a[at] * b[at];
     two += a[at + 1] * b[at + 1];
     three += a[at + 2] * b[at + 2];
     four += a[at + 3] * b[at + 3];
   }
-  for (; at < to; at++) one += a[at] * b[at];
+  for (; at < a.length; at++) one += a[at] * b[at];
   return one + two + (three + four);
+}
+
+/**
+ * Add up the products of complex numbers.
+ *
+ * @param {Complex} a
+ * @param {Complex} b - of their length
+ * @returns {[number, number]} real and imaginary part
+ */
+export function complexDot(a, b) {
+  return [
+    dot(a.real, b.real) - dot(a.imaginary, b.imaginary),
+    dot(a.real, b.imaginary) + dot(a.imaginary, b.real),
+  ];
+}
+
+/**
+ * Find the variance of a sum of numbers, each times a factor.
+ *
+ * @param {Float64Array} covariance - (n, n) of the numbers
+ * @param {Float64Array} factors - (n,)
+ */
+export function varianceAlong(covariance, factors) {
+  const n = factors.length;
+  return factors.reduce((sum, factor, row) => {
+    return sum + factor * dot(factors, covariance.subarray(row * n, (row + 1) * n));
+  }, 0);
+}
+
+/**
+ * Take a multiple of another vector off a vector, in place.
+ *
+ * @param {Float64Array} vector
+ * @param {Float64Array} other
+ * @param {number} factor
+ */
+export function takeOff(vector, other, factor) {
+  for (let at = 0; at < vector.length; at++) vector[at] -= factor * other[at];
+  return vector;
+}
+
+/**
+ * Take off a vector, in place, what lies in the span of others.
+ *
+ * @param {Float64Array} vector
+ * @param {Float64Array[]} basis - orthonormal
+ */
+export function takeOffBasis(vector, basis) {
+  const parts = basis.map((other) => dot(vector, other));
+  basis.forEach((other, which) => takeOff(vector, other, parts[which]));
+  return vector;
+}
+
+/**
+ * Find an orthonormal basis of the span of vectors (Gram and Schmidt).
+ *
+ * @param {Float64Array[]} vectors - are changed; what is hardly new in one after those before is
+ *   left out
+ */
+export function orthonormal(vectors) {
+  /** @type {Float64Array[]} */
+  const basis = [];
+  for (const vector of vectors) {
+    const before = Math.hypot(...vector);
+    // twice, because once leaves errors where vectors are nearly alike
+    takeOffBasis(takeOffBasis(vector, basis), basis);
+    const left = Math.hypot(...vector);
+    if (left > NEW_SHARE * before) basis.push(vector.map((value) => value / left));
+  }
+  return basis;
 }

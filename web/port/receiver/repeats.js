@@ -10,7 +10,7 @@
  */
 
 import { receiverRepeats } from "../../generated/constants.js";
-import { median, quantile } from "../link/order.js";
+import { median, quantiles, spreadOf } from "../link/order.js";
 
 const { CELL_PX, CELLS, QUANTILES, REPEATED, MIN_NOISE_LEVELS, HISTORY, FIRST } = receiverRepeats;
 /** Share of the cells in which an image differs less than `Repeats.change` says. */
@@ -19,16 +19,17 @@ const CHANGED = 0.9;
 const LEAST_VARIANCE = 0.05;
 
 /**
- * Small squares of pixels, spread evenly over an image, cell by cell.
+ * What differs between two frames in small squares of pixels: mean and standard deviation of each, in
+ * gray levels, and their number of pixels.
  *
- * @typedef {{ cells: number, across: number, area: number, levels: Uint8Array }} Cells
+ * @typedef {{ means: number[], spread: number[], area: number }} Differences
  */
 
 /** Compares each frame with the one before. */
 export class Repeats {
-  /** @type {Cells | null} */
+  /** @type {BytePlane | null} */
   #before = null;
-  /** @type {ReturnType<typeof differences> | null} */
+  /** @type {Differences | null} */
   #newest = null;
   /** Differences of the last frames at each of `QUANTILES`. @type {number[][]} */
   #changes = [];
@@ -41,40 +42,31 @@ export class Repeats {
     if (this.#newest === null) return 0;
     const { spread, means, area } = this.#newest;
     const usual = median(means);
-    return quantile(
-      means.map((mean, i) => (area * (mean - usual) ** 2) / (spread[i] ** 2 + LEAST_VARIANCE)),
-      CHANGED,
+    const powers = means.map(
+      (mean, i) => (area * (mean - usual) ** 2) / (spread[i] ** 2 + LEAST_VARIANCE),
     );
+    return quantiles(powers, [CHANGED])[0];
   }
 
   /**
    * Tell whether a frame shows again what the frame before showed.
    *
-   * @param {BytePlane} image - the next frame of the film
+   * @param {BytePlane} image - the next frame of the film; it is kept
    * @returns {boolean}
    */
   isRepeat(image) {
-    const now = sampleCells(image);
     const before = this.#before;
-    this.#before = now;
-    if (
-      before === null ||
-      before.levels.length !== now.levels.length ||
-      before.across !== now.across ||
-      before.area !== now.area
-    ) {
+    this.#before = image;
+    if (before === null || before.width !== image.width || before.height !== image.height) {
       this.#changes = [];
       return false;
     }
-    this.#newest = differences(now, before);
-    const { spread } = this.#newest;
-    const change = QUANTILES.map((share) => quantile(spread, share));
+    this.#newest = differences(image, before);
+    const change = quantiles(this.#newest.spread, QUANTILES);
     if (this.#changes.length >= FIRST) {
       const usual = QUANTILES.map((_, i) => median(this.#changes.map((values) => values[i])));
       const same = change.every((value, i) => value <= REPEATED[i] * usual[i]);
-      if (usual[0] >= MIN_NOISE_LEVELS && same) {
-        return true;
-      }
+      if (usual[0] >= MIN_NOISE_LEVELS && same) return true;
     }
     this.#changes.push(change);
     if (this.#changes.length > HISTORY) this.#changes.shift();
@@ -83,52 +75,29 @@ export class Repeats {
 }
 
 /**
- * Take small squares of pixels, spread evenly over an image.
+ * Compare two images in small squares of pixels that are spread evenly over them: a bit, or a change
+ * of exposure, moves all pixels of such a cell alike.
  *
- * @param {BytePlane} image
+ * @param {BytePlane} now
+ * @param {BytePlane} before - of its size
+ * @returns {Differences}
  */
-function sampleCells({ width, height, data }) {
-  const stepY = Math.max(1, Math.floor(height / CELLS));
-  const stepX = Math.max(1, Math.floor(width / CELLS));
-  const down = Math.floor(height / stepY);
-  const across = Math.floor(width / stepX);
-  const tall = Math.min(CELL_PX, stepY);
-  const wide = Math.min(CELL_PX, stepX);
-  const area = tall * wide;
-  const levels = new Uint8Array(down * across * area);
-  for (let row = 0, to = 0; row < down; row++) {
-    for (let col = 0; col < across; col++) {
-      for (let y = 0; y < tall; y++) {
-        const from = (row * stepY + y) * width + col * stepX;
-        for (let x = 0; x < wide; x++) levels[to++] = data[from + x];
+function differences({ width, height, data }, before) {
+  const [stepX, stepY] = [width, height].map((side) => Math.max(1, Math.floor(side / CELLS)));
+  const [wide, tall] = [stepX, stepY].map((step) => Math.min(CELL_PX, step));
+  const changes = new Int16Array(wide * tall);
+  /** @type {Differences} */
+  const found = { means: [], spread: [], area: changes.length };
+  for (let top = 0; top + stepY <= height; top += stepY) {
+    for (let left = 0; left + stepX <= width; left += stepX) {
+      for (let i = 0; i < changes.length; i++) {
+        const at = (top + Math.floor(i / wide)) * width + left + (i % wide);
+        changes[i] = data[at] - before.data[at];
       }
+      const [mean, deviation] = spreadOf(changes);
+      found.means.push(mean);
+      found.spread.push(deviation);
     }
   }
-  return { cells: down * across, across, area, levels };
-}
-
-/**
- * Find the mean and the standard deviation of the differences within each cell: a bit, or a change of
- * exposure, moves all of its pixels alike.
- *
- * @param {Cells} now
- * @param {Cells} before
- * @returns {{ spread: Float64Array, means: Float64Array, area: number }} gray levels, and pixels of a
- *   cell
- */
-function differences(now, before) {
-  const spread = new Float64Array(now.cells);
-  const means = new Float64Array(now.cells);
-  for (let cell = 0, at = 0; cell < now.cells; cell++) {
-    let sum = 0;
-    let squares = 0;
-    for (let end = at + now.area; at < end; at++) {
-      const change = now.levels[at] - before.levels[at];
-      sum += change;
-      squares += change * change;
-    }
-    const mean = (means[cell] = sum / now.area);
-    spread[cell] = Math.sqrt(Math.max(0, squares / now.area - mean * mean));
-  }
-  return { spread, means, area: now.area };
+  return found;
 }

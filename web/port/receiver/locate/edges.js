@@ -2,7 +2,7 @@
 
 import { receiverLocateEdges } from "../../../generated/constants.js";
 import { remembered } from "../../link/code/remembered.js";
-import { median, quantilesOfEvery } from "../../link/order.js";
+import { everyPixel, mean, median, quantiles } from "../../link/order.js";
 import { signedArea } from "./quads.js";
 
 const {
@@ -95,7 +95,7 @@ const BOTH_SIDES = [-1.5, 1.5];
  * @returns {{ white: number, unit: number }} gray levels
  */
 export function edgeLevels(small) {
-  const white = quantilesOfEvery(small, 3)(WHITE_QUANTILE) + 10;
+  const white = quantiles(everyPixel(small, 3), [WHITE_QUANTILE])[0] + 10;
   return { white, unit: STEP_LEVELS * (0.3 + 0.7 * Math.min(1, white / 200)) };
 }
 
@@ -156,13 +156,6 @@ export function sideFeatures(small, quad, { white, unit }) {
     beside / (4 * count),
     goesOn / (ahead.length / 2),
   ];
-}
-
-/** @param {ArrayLike<number>} values */
-function mean(values) {
-  let sum = 0;
-  for (let i = 0; i < values.length; i++) sum += values[i];
-  return sum / values.length;
 }
 
 /**

@@ -9,7 +9,7 @@
 import { receiverLocateQuads } from "../../../generated/constants.js";
 import { keptWithImage } from "../../image/copies.js";
 import { call } from "../../image/opencv.js";
-import { quantilesOfEvery } from "../../link/order.js";
+import { everyPixel, quantiles } from "../../link/order.js";
 import { longestSegments } from "./segments.js";
 
 /**
@@ -478,7 +478,7 @@ export function* outlineSteps(gray) {
  * @param {BytePlane} gray
  */
 function thresholds(gray) {
-  const levels = THRESHOLD_QUANTILES.map(quantilesOfEvery(gray, 2));
+  const levels = quantiles(everyPixel(gray, 2), THRESHOLD_QUANTILES);
   return [...new Set([...levels, call("otsu", [gray])])].sort((one, other) => one - other);
 }
 

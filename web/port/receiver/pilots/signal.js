@@ -9,6 +9,7 @@
 
 import { receiverPilotsSignal, robust } from "../../../generated/constants.js";
 import { arraysOf, call, floatPlane, rowsOf } from "../../image/opencv.js";
+import { complexDot } from "../../link/linear.js";
 import { median } from "../../link/order.js";
 import { pilotCentres, pilotSigns } from "../../link/pilots.js";
 import { MOST_SPAN, rowsOfWaves, spanOf, waves } from "./waves.js";
@@ -43,30 +44,6 @@ function signedPhases(layout) {
   });
   phasesOfLayouts.set(layout, phases);
   return phases;
-}
-
-/**
- * Add up amplitudes of all pilots that are turned back and have their signs, and their squares.
- *
- * @param {ArrayLike<number>} real - (pilots,)
- * @param {ArrayLike<number>} imaginary - (pilots,)
- * @param {Wave} phases - of one slope
- * @returns {{ a: number, b: number, rr: number, ii: number, ri: number }} sums of the real and the
- *   imaginary parts, of their squares, and of their products
- */
-function turnedSums(real, imaginary, phases) {
-  let [a, b, rr, ii, ri] = [0, 0, 0, 0, 0];
-  for (let p = 0; p < real.length; p++) {
-    const [cos, sin] = [phases.real[p], phases.imaginary[p]];
-    const r = real[p] * cos - imaginary[p] * sin;
-    const i = real[p] * sin + imaginary[p] * cos;
-    a += r;
-    b += i;
-    rr += r * r;
-    ii += i * i;
-    ri += r * i;
-  }
-  return { a, b, rr, ii, ri };
 }
 
 /**
@@ -174,18 +151,17 @@ export function pilotEvidence(values, layout, at) {
 /**
  * Find the phase in which the pilots toggle, and by how much it slopes across the display.
  *
- * @param {ArrayLike<number>} real - (pilots,) amplitudes at one frequency
- * @param {ArrayLike<number>} imaginary - (pilots,)
+ * @param {import("../../link/linear.js").Complex} amplitudes - (pilots,) at one frequency
  * @param {Layout} layout - with pilots
  * @returns {{ slope: [number, number], phase: number }} differences of phase from left to right and
  *   from top to bottom, one of `PHASE_SLOPES`, and the phase of a pilot of bit 1 at the centre of
  *   the display, radians
  */
-export function commonPhase(real, imaginary, layout) {
-  const along = signedPhases(layout).map((phases) => turnedSums(real, imaginary, phases));
-  const powers = along.map(({ a, b }) => a * a + b * b);
+export function commonPhase(amplitudes, layout) {
+  const along = signedPhases(layout).map((phases) => complexDot(amplitudes, phases));
+  const powers = along.map(([real, imaginary]) => real * real + imaginary * imaginary);
   const best = powers.indexOf(Math.max(...powers));
-  return { slope: PHASE_SLOPES[best], phase: Math.atan2(along[best].b, along[best].a) };
+  return { slope: PHASE_SLOPES[best], phase: Math.atan2(along[best][1], along[best][0]) };
 }
 
 /**

@@ -8,10 +8,11 @@
 import { receiverPilotsToggling } from "../../../generated/constants.js";
 import { call, floatPlane, rowsOf } from "../../image/opencv.js";
 import { DisplayClock, embeddedShare } from "../../link/clock.js";
+import { dot } from "../../link/linear.js";
 import { CodeSearch } from "./code.js";
 import { pilotCentres, pilotSigns, pilotValues } from "../../link/pilots.js";
 import { commonPhase, overDeviation, pilotEvidence } from "./signal.js";
-import { alongWave, lengthOf, waves } from "./waves.js";
+import { alongWave, waves } from "./waves.js";
 
 /** @typedef {import("./motion.js").GridMaps} GridMaps */
 
@@ -153,8 +154,7 @@ export class Wave {
   #turns(maps, views, at) {
     const [wave] = waves(at, [this.frequency], [0]);
     const values = views.map((view) => pilotValues(maps.within(view), maps.layout));
-    const pilots = alongWave(values, wave);
-    const { slope, phase: angle } = commonPhase(pilots.real, pilots.imaginary, maps.layout);
+    const { slope, phase: angle } = commonPhase(alongWave(values, wave), maps.layout);
     const [xs, ys] = maps.places();
     const real = new Float32Array(xs.length * ys.length);
     const imaginary = new Float32Array(real.length);
@@ -238,7 +238,7 @@ export class CodedToggling {
     const all = { width: at.length, height: line.length, data: shown };
     const sums = floatPlane(xs.length, ys.length);
     call("sumsAlong", [rowsOf(series), all, Number(isDown)], [sums]);
-    return { data: sums.data, power: lengthOf(shown) ** 2 / line.length };
+    return { data: sums.data, power: dot(shown, shown) / line.length };
   }
 
   /** @type {Toggling["clockInSeconds"]} */

@@ -11,16 +11,10 @@
 import { receiverPilotsWaves } from "../../../generated/constants.js";
 import { rowsOf } from "../../image/opencv.js";
 import { roundHalfEven } from "../../image/round.js";
+import { dot, orthonormal, takeOffBasis } from "../../link/linear.js";
 import { median } from "../../link/order.js";
 
 export const { FINE_STEP, FAINT_SINE, MOST_SPAN, SPARE } = receiverPilotsWaves;
-
-/** Share of a slow wave that must be new for it to be taken out, beside those before. */
-const NEW_SHARE = 1e-6;
-/** Number of frames that are summed up in one pass over their values. */
-const AT_ONCE = 4;
-/** Real and imaginary part of what a frame that is not there adds. */
-const NOTHING = [0, 0];
 
 /**
  * A wave at the positions of frames: by these numbers, the frames' values are multiplied, and then
@@ -66,24 +60,14 @@ export function spanOf(at) {
  * @returns {Wave[]}
  */
 export function waves(at, frequencies, slower) {
-  /** @type {Float64Array[]} orthogonal to each other, of length 1 */
-  const slow = [];
-  for (const frequency of slower) {
-    for (const part of Object.values(waveAt(at, frequency))) {
-      const before = lengthOf(part);
-      const left = lengthOf(takeOut(part, slow));
-      if (left <= NEW_SHARE * before) continue;
-      slow.push(part.map((value) => value / left));
-    }
-  }
+  const slow = orthonormal(
+    slower.flatMap((frequency) => Object.values(waveAt(at, frequency))),
+  );
   return frequencies.map((frequency) => {
-    const wave = waveAt(at, frequency);
-    takeOut(wave.real, slow);
-    takeOut(wave.imaginary, slow);
-    if (lengthOf(wave.imaginary) ** 2 < FAINT_SINE * lengthOf(wave.real) ** 2) {
-      wave.imaginary.fill(0);
-    }
-    return wave;
+    const { real, imaginary } = waveAt(at, frequency);
+    for (const part of [real, imaginary]) takeOffBasis(takeOffBasis(part, slow), slow);
+    if (dot(imaginary, imaginary) < FAINT_SINE * dot(real, real)) imaginary.fill(0);
+    return { real, imaginary };
   });
 }
 
@@ -101,36 +85,6 @@ function waveAt(at, frequency) {
 }
 
 /**
- * Find the square root of the sum of squares.
- *
- * @param {Float64Array} wave
- * @returns {number}
- */
-export function lengthOf(wave) {
-  let sum = 0;
-  for (const value of wave) sum += value * value;
-  return Math.sqrt(sum);
-}
-
-/**
- * Take out of a wave what lies along others; twice, as rounding leaves some the first time.
- *
- * @param {Float64Array} wave - is changed
- * @param {Float64Array[]} others - orthogonal to each other, of length 1
- * @returns {Float64Array} the wave
- */
-function takeOut(wave, others) {
-  for (let round = 0; round < 2; round++) {
-    for (const other of others) {
-      let along = 0;
-      for (let t = 0; t < wave.length; t++) along += wave[t] * other[t];
-      for (let t = 0; t < wave.length; t++) wave[t] -= along * other[t];
-    }
-  }
-  return wave;
-}
-
-/**
  * Add up the values of frames times a wave.
  *
  * @param {readonly ArrayLike<number>[]} values - (n,) of each frame, at least one
@@ -140,22 +94,13 @@ function takeOut(wave, others) {
 export function alongWave(values, wave) {
   const real = new Float64Array(values[0].length);
   const imaginary = new Float64Array(real.length);
-  const last = values.length - 1;
-  for (let t = 0; t <= last; t += AT_ONCE) {
-    const [t1, t2, t3] = [t + 1, t + 2, t + 3];
-    const a = values[t];
-    const b = values[Math.min(t1, last)];
-    const c = values[Math.min(t2, last)];
-    const d = values[Math.min(t3, last)];
-    const [a0, a1] = [wave.real[t], wave.imaginary[t]];
-    const [b0, b1] = t1 > last ? NOTHING : [wave.real[t1], wave.imaginary[t1]];
-    const [c0, c1] = t2 > last ? NOTHING : [wave.real[t2], wave.imaginary[t2]];
-    const [d0, d1] = t3 > last ? NOTHING : [wave.real[t3], wave.imaginary[t3]];
+  values.forEach((shown, t) => {
+    const [cosine, sine] = [wave.real[t], wave.imaginary[t]];
     for (let i = 0; i < real.length; i++) {
-      real[i] += a0 * a[i] + b0 * b[i] + c0 * c[i] + d0 * d[i];
-      imaginary[i] += a1 * a[i] + b1 * b[i] + c1 * c[i] + d1 * d[i];
+      real[i] += cosine * shown[i];
+      imaginary[i] += sine * shown[i];
     }
-  }
+  });
   return { real, imaginary };
 }
 

@@ -1,154 +1,184 @@
 /**
- * Series of toggles: one value per place and frame, stored as (P, n), place by place.
+ * The toggles of one place of the display: a series with a value for each frame.
  *
  * Series are *whitened*: each sample less what the one before it predicts, as a multiple of the
- * standard deviation that is left.
+ * standard deviation that is left. What drifts explain is taken off.
  */
 
 import { receiverTimingFit } from "../../../generated/constants.js";
-import { dot } from "../../link/linear.js";
-import { quantile } from "../../link/order.js";
+import { dot, orthonormal, takeOffBasis } from "../../link/linear.js";
+import { quantiles } from "../../link/order.js";
 
-export const { OUTLIER, SPREAD_QUANTILES } = receiverTimingFit;
+const { MIN_SEEN, MAX_CORRELATION, OUTLIER, SPREAD_QUANTILES } = receiverTimingFit;
 
 /**
- * Weights of a sample and of the one before it, each (P, n), in what is whitened.
+ * What the toggles of a place hold beside the wave and its drift: the standard deviation, in gray
+ * levels, of what the frame before does not predict, and the correlation from one frame to the
+ * next, in [0, `MAX_CORRELATION`].
+ *
+ * @typedef {{ deviation: number, correlation: number }} PlaceNoise
+ */
+
+/**
+ * Weights of a sample and of the one before it, each (n,), in what is whitened.
  *
  * @typedef {{ now: Float64Array, back: Float64Array }} Factors
  */
 
+/** The toggles of a place, made ready for fits of clocks. */
+export class PlaceToggles {
+  #drifts;
+  #free;
+  #leftWithout;
+  #factors;
+  /** Orthonormal bases of the drifts, as they are and whitened. */
+  #plain;
+  #basis;
+  /** Noise by which series are whitened. @type {PlaceNoise} */
+  noise = { deviation: 1, correlation: 0 };
+  /** (n,) whitened toggles without drift. @type {Float64Array} */
+  x = new Float64Array(0);
+
+  /**
+   * @param {Float64Array} values - (n,) toggles, gray levels; NaN where the place is unseen
+   * @param {Float64Array[]} drifts - (n,) each, which may lie in them
+   */
+  constructor(values, drifts) {
+    this.#drifts = drifts;
+    const near = withoutOutliers(values);
+    const count = near.reduce((sum, one) => sum + one, 0);
+    /** (n,) 1 where a toggle counts, 0 everywhere if too few are seen; and the number of these. */
+    this.seen = count < MIN_SEEN ? near.fill(0) : near;
+    this.count = count < MIN_SEEN ? 0 : count;
+    this.#free = Math.max(this.count - drifts.length - 1, 1);
+    /** (n,) toggles without their mean; 0 where they do not count. */
+    this.values = this.centred(values);
+    /** Standard deviation of the toggles, gray levels. */
+    this.deviation = Math.sqrt(dot(this.values, this.values) / Math.max(this.count, 1));
+    this.#factors = whiteningFactors(this.seen, this.noise);
+    this.#plain = this.#basis = driftBasis(drifts, this.#factors);
+    /** Noise of the place if there is no clock. */
+    this.without = this.noiseOf(this.values);
+    this.setNoise(this.without);
+    this.#leftWithout = dot(this.x, this.x) * this.noise.deviation ** 2;
+  }
+
+  /**
+   * Weigh the evidence of a clock if the place's noise is its own.
+   *
+   * @param {number} left - squares that the clock leaves of the whitened toggles
+   */
+  evidence(left) {
+    if (this.count === 0) return 0;
+    const ratio = this.#leftWithout / Math.max(left * this.noise.deviation ** 2, 1e-12);
+    return this.#free * Math.log(ratio);
+  }
+
+  /**
+   * Take the mean off a series; it becomes 0 where the place is unseen.
+   *
+   * @param {Float64Array} series - (n,)
+   */
+  centred(series) {
+    const known = series.map((value, k) => (this.seen[k] ? value : 0));
+    const mean = known.reduce((sum, value) => sum + value, 0) / Math.max(this.count, 1);
+    return known.map((value, k) => (value - mean) * this.seen[k]);
+  }
+
+  /**
+   * Estimate the noise of the place from what is left of its toggles.
+   *
+   * @param {Float64Array} series - (n,) 0 where the place is unseen
+   * @returns {PlaceNoise}
+   */
+  noiseOf(series) {
+    const left = takeOffBasis(series.slice(), this.#plain).map((value, k) => value * this.seen[k]);
+    let lag = dot(left.subarray(1), left) / Math.max(dot(left, left), 1e-12);
+    lag += (1 + 3 * lag) / Math.max(this.count, 1); // its bias in short windows
+    const correlation = Math.min(Math.max(lag, 0), MAX_CORRELATION);
+    const fresh = whiten(left, whiteningFactors(this.seen, { deviation: 1, correlation }));
+    const variance = dot(fresh, fresh) / this.#free;
+    return { deviation: Math.sqrt(Math.max(variance, 1e-8)), correlation };
+  }
+
+  /**
+   * Whiten by this noise from now on.
+   *
+   * @param {PlaceNoise} noise
+   */
+  setNoise(noise) {
+    this.noise = noise;
+    this.#factors = whiteningFactors(this.seen, noise);
+    this.#basis = driftBasis(this.#drifts, this.#factors);
+    this.x = this.whitened(this.values.slice());
+  }
+
+  /**
+   * Whiten a series, in place, and take off what drifts explain.
+   *
+   * @param {Float64Array} series - (n,)
+   */
+  whitened(series) {
+    return takeOffBasis(whiten(series, this.#factors), this.#basis);
+  }
+
+  /**
+   * Find the series (n,) whose product with a wave is that of the whitened toggles with the whitened
+   * wave, and the largest weight of a sample in the one after it, as a share of that one's own.
+   */
+  adjoint() {
+    const { now, back } = this.#factors;
+    const series = this.x.map((value, k) => value * now[k] - (this.x[k + 1] ?? 0) * (back[k + 1] ?? 0));
+    return { series, correlation: Math.max(...back) * this.noise.deviation };
+  }
+}
+
 /**
  * Work out by what a sample and the one before it are multiplied to whiten a series.
  *
- * @param {Uint8Array} seen - (P, n) 1 where a toggle is known
- * @param {Float64Array} deviation - (P,) of what the frame before does not predict
- * @param {Float64Array} correlation - (P,) from one frame to the next
+ * @param {Uint8Array} seen - (n,) 1 where a toggle is known
+ * @param {PlaceNoise} noise
  * @returns {Factors}
  */
-export function whiteningFactors(seen, deviation, correlation) {
-  const now = new Float64Array(seen.length);
-  const back = new Float64Array(seen.length);
-  const count = seen.length / deviation.length;
-  for (let place = 0; place < deviation.length; place++) {
-    const whole = 1 / deviation[place];
-    const alone = Math.sqrt(1 - correlation[place] ** 2) / deviation[place];
-    const before = correlation[place] / deviation[place];
-    for (let k = 0, at = place * count; k < count; k++, at++) {
-      if (!seen[at]) continue;
-      const follows = k > 0 && seen[at - 1];
-      now[at] = follows ? whole : alone;
-      back[at] = follows ? before : 0;
-    }
-  }
-  return { now, back };
+function whiteningFactors(seen, { deviation, correlation }) {
+  const alone = Math.sqrt(1 - correlation ** 2);
+  return {
+    now: Float64Array.from(seen, (one, k) => (one * (seen[k - 1] ? 1 : alone)) / deviation),
+    back: Float64Array.from(seen, (one, k) => (one * (seen[k - 1] ? correlation : 0)) / deviation),
+  };
 }
 
 /**
- * Weigh each sample and take off what the one before it predicts.
+ * Weigh each sample of a series (n,), in place, and take off what the one before it predicts.
  *
- * @param {Float64Array} series - (P, n); it may be `whitened` itself
- * @param {Factors} factors
- * @param {Float64Array} [whitened] - (P, n), where the result is written
- */
-export function whiten(series, { now, back }, whitened = new Float64Array(series.length)) {
-  // from the end: a sample is whitened before the one that it predicts from; `back` is 0 at the
-  // first sample of a place
-  for (let at = series.length - 1; at > 0; at--) {
-    whitened[at] = series[at] * now[at] - series[at - 1] * back[at];
-  }
-  whitened[0] = series[0] * now[0];
-  return whitened;
-}
-
-/**
- * Find, for each place, an orthonormal basis of what drifts become when they are whitened.
- *
- * @param {Float64Array[]} drifts - q series (n,)
- * @param {Factors} factors - of (P, n)
- * @returns {Float64Array[]} q series (P, n), which are orthonormal at each place, or 0
- */
-export function driftBasis(drifts, factors) {
-  const count = drifts[0].length;
-  const places = factors.now.length / count;
-  const basis = drifts.map((drift) => {
-    const repeated = new Float64Array(factors.now.length);
-    for (let place = 0; place < places; place++) repeated.set(drift, place * count);
-    return whiten(repeated, factors, repeated);
-  });
-  for (let place = 0; place < places; place++) {
-    const [from, to] = [place * count, (place + 1) * count];
-    basis.forEach((vector, which) => {
-      const before = squares(vector, from, to);
-      // twice, because once leaves errors where drifts are nearly alike
-      for (let pass = 0; pass < 2; pass++) {
-        for (let other = 0; other < which; other++) {
-          takeOff(vector, basis[other], dot(vector, basis[other], from, to), from, to);
-        }
-      }
-      const left = squares(vector, from, to);
-      const scale = left > 1e-24 * before ? 1 / Math.sqrt(left) : 0;
-      for (let at = from; at < to; at++) vector[at] *= scale;
-    });
-  }
-  return basis;
-}
-
-/**
- * Take off, in place, the part of a series that lies in the span of a basis at each place.
- *
- * @param {Float64Array} series - (P, n)
- * @param {Float64Array[]} basis - q series (P, n), as of `driftBasis`
- * @param {number} places - P
- */
-export function takeOffBasis(series, basis, places) {
-  const count = series.length / places;
-  for (let from = 0; from < series.length; from += count) {
-    const to = from + count;
-    const parts = basis.map((vector) => dot(series, vector, from, to));
-    basis.forEach((vector, which) => takeOff(series, vector, parts[which], from, to));
-  }
-  return series;
-}
-
-/**
- * Tell which toggles are seen, and no farther from the rest than toggles are.
- *
- * @param {Float64Array} values - (P, n) toggles; NaN where a place is unseen
- * @param {number} places - P
- * @returns {Uint8Array} (P, n)
- */
-export function withoutOutliers(values, places) {
-  const count = values.length / places;
-  const seen = new Uint8Array(values.length);
-  for (let from = 0; from < values.length; from += count) {
-    const known = values.slice(from, from + count).filter(Number.isFinite);
-    if (known.length === 0) continue;
-    const [low, high] = SPREAD_QUANTILES.map((share) => quantile(known, share));
-    const reach = (OUTLIER * (high - low)) / 2 + 1e-9;
-    for (let at = from; at < from + count; at++) {
-      seen[at] = Number(Math.abs(values[at] - (low + high) / 2) <= reach);
-    }
-  }
-  return seen;
-}
-
-/**
  * @param {Float64Array} series
- * @param {number} [from] - first index
- * @param {number} [to] - index after the last
+ * @param {Factors} factors
  */
-export function squares(series, from, to) {
-  return dot(series, series, from, to);
+function whiten(series, { now, back }) {
+  // from the end: a sample is whitened before the one that it is predicted from
+  for (let k = series.length - 1; k > 0; k--) series[k] = series[k] * now[k] - series[k - 1] * back[k];
+  series[0] *= now[0];
+  return series;
 }
 
 /**
- * @param {Float64Array} series - changed in place
- * @param {Float64Array} other
- * @param {number} factor - multiple of `other` that is taken off
- * @param {number} [from] - first index
- * @param {number} [to] - index after the last
+ * Find an orthonormal basis of what drifts become when they are whitened.
+ *
+ * @param {Float64Array[]} drifts - (n,) each
+ * @param {Factors} factors
+ * @returns {Float64Array[]} (n,) each, orthonormal; what the others explain is left out
  */
-export function takeOff(series, other, factor, from = 0, to = series.length) {
-  for (let at = from; at < to; at++) series[at] -= factor * other[at];
-  return series;
+function driftBasis(drifts, factors) {
+  return orthonormal(drifts.map((drift) => whiten(drift.slice(), factors)));
+}
+
+/**
+ * Tell which toggles (n,) are seen, and no farther from the rest than toggles are.
+ *
+ * @param {Float64Array} values - NaN where the place is unseen
+ */
+function withoutOutliers(values) {
+  const [low, high] = quantiles(values.filter(Number.isFinite), SPREAD_QUANTILES);
+  const reach = (OUTLIER * (high - low)) / 2 + 1e-9;
+  return Uint8Array.from(values, (value) => Number(Math.abs(value - (low + high) / 2) <= reach));
 }
