@@ -1,5 +1,6 @@
 /** Plain words for what the receiver sees, and for what to do about it. */
 
+import { signedArea } from "../port/link/geometry.js";
 import { BRIGHT, DARK, LONG } from "../port/receiver/diagnosis.js";
 import { MIN_FRAMES } from "../port/receiver/timing/synchronise.js";
 import { RENEWED } from "./site.js";
@@ -92,12 +93,7 @@ export function adviceFor(sight, waiting, image) {
  * @returns {number} from 0 to 1
  */
 export function shareOf(corners, { width, height }) {
-  let twice = 0;
-  corners.forEach(([x, y], i) => {
-    const [nextX, nextY] = corners[(i + 1) % corners.length];
-    twice += x * nextY - nextX * y;
-  });
-  return Math.abs(twice) / 2 / (width * height);
+  return Math.abs(signedArea(corners)) / (width * height);
 }
 
 /** What browsers and onnxruntime say of a file of the site that is gone, cut off, or another one. */

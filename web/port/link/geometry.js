@@ -155,17 +155,36 @@ export function frameCorners(width, height) {
  * @returns {boolean}
  */
 export function checkCorners(corners, width, height, outside = 0) {
-  const slack = outside * Math.max(width, height);
-  for (const [x, y] of corners) {
-    if (!(x >= -0.5 - slack && x <= width - 0.5 + slack)) return false;
-    if (!(y >= -0.5 - slack && y <= height - 0.5 + slack)) return false;
-  }
-  for (let i = 0; i < 4; i++) {
-    const [a, b, c] = [corners[i], corners[(i + 1) % 4], corners[(i + 2) % 4]];
-    const turn = (b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0]);
-    if (!(turn > 0)) return false;
-  }
-  return contourArea(corners) >= MIN_AREA_PX;
+  const isSound = isNear(corners, width, height, outside) && turns(corners).every((turn) => turn > 0);
+  return isSound && contourArea(corners) >= MIN_AREA_PX;
+}
+
+/**
+ * Tell whether points lie in an image, or not too far outside.
+ *
+ * @param {Point[]} points
+ * @param {number} width - of the image, pixels
+ * @param {number} height - of the image, pixels
+ * @param {number} outside - distance by which they may lie outside, as a share of the longer side
+ */
+export function isNear(points, width, height, outside) {
+  const beyond = 0.5 + outside * Math.max(width, height);
+  return points.every(([x, y]) => {
+    return x >= -beyond && x <= width - 1 + beyond && y >= -beyond && y <= height - 1 + beyond;
+  });
+}
+
+/**
+ * Multiply the length of each side of a polygon by that of the next, and by the sine of the angle by
+ * which it turns there; it is positive where it turns clockwise.
+ *
+ * @param {number[][]} points - in order
+ */
+export function turns(points) {
+  return points.map((a, i) => {
+    const [b, c] = [1, 2].map((k) => points[(i + k) % points.length]);
+    return (b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0]);
+  });
 }
 
 /**
@@ -175,31 +194,41 @@ export function checkCorners(corners, width, height, outside = 0) {
  * @returns {boolean} false where three neighbours lie on a line, or a number is not finite
  */
 export function isConvex(points) {
-  let left = 0;
-  let right = 0;
-  for (let i = 0; i < points.length; i++) {
-    const [a, b, c] = [0, 1, 2].map((k) => points[(i + k) % points.length].map(Math.fround));
-    const turn = (b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0]);
-    if (turn > 0) right++;
-    if (turn < 0) left++;
-  }
-  return left === points.length || right === points.length;
+  const turned = turns(points.map(inSingle));
+  return turned.every((turn) => turn > 0) || turned.every((turn) => turn < 0);
 }
 
 /**
- * Find the area of a polygon, in square pixels.
+ * Find the area of a polygon, in square pixels, as OpenCV does.
  *
  * @param {Point[]} points - in order
  * @returns {number}
  */
 export function contourArea(points) {
+  return Math.abs(signedArea(points.map(inSingle)));
+}
+
+/**
+ * Measure the area of a polygon, in square pixels; that of a clockwise one is positive.
+ *
+ * @param {number[][]} points - in order
+ */
+export function signedArea(points) {
   let twice = 0;
-  for (let i = 0; i < points.length; i++) {
-    const [x, y] = points[i];
+  points.forEach(([x, y], i) => {
     const [nextX, nextY] = points[(i + 1) % points.length];
-    twice += Math.fround(x) * Math.fround(nextY) - Math.fround(y) * Math.fround(nextX);
-  }
-  return Math.abs(twice) / 2;
+    twice += x * nextY - y * nextX;
+  });
+  return twice / 2;
+}
+
+/**
+ * Round a point to 32-bit floats, as OpenCV does.
+ *
+ * @param {Point} point
+ */
+function inSingle(point) {
+  return point.map(Math.fround);
 }
 
 /**
@@ -241,8 +270,7 @@ export function homographyFromPoints(from, to) {
   const A = new Float64Array(64);
   const b = new Float64Array(8);
   for (let i = 0; i < 4; i++) {
-    const [x, y] = from[i].map(Math.fround);
-    const [u, v] = to[i].map(Math.fround);
+    const [[x, y], [u, v]] = [from[i], to[i]].map(inSingle);
     A.set([x, y, 1, 0, 0, 0, -x * u, -y * u], i * 8);
     A.set([0, 0, 0, x, y, 1, -x * v, -y * v], (i + 4) * 8);
     b[i] = u;

@@ -2,8 +2,8 @@
 
 import { receiverLocateEdges } from "../../../generated/constants.js";
 import { remembered } from "../../link/code/remembered.js";
+import { signedArea } from "../../link/geometry.js";
 import { everyPixel, mean, median, quantiles } from "../../link/order.js";
-import { signedArea } from "./quads.js";
 
 const {
   SAMPLES, SIDE_START, SIDE_SHARE, REACH, STEP_LEVELS, NOISE_SLOPE, SATURATION_SLOPE,

@@ -9,6 +9,7 @@
 import { receiverLocateQuads } from "../../../generated/constants.js";
 import { keptWithImage } from "../../image/copies.js";
 import { call } from "../../image/opencv.js";
+import { farthest, isNear, sideLengths, signedArea, turns } from "../../link/geometry.js";
 import { everyPixel, quantiles } from "../../link/order.js";
 import { longestSegments } from "./segments.js";
 
@@ -20,8 +21,9 @@ import { longestSegments } from "./segments.js";
 
 export const { SLACK, SAME_PX } = receiverLocateQuads;
 const {
-  BEYOND, MAX_LINES, COLLINEAR_PX, OPPOSED_PX, MIN_AREA, MIN_CROSSING_DEG, MIN_SIDE_COVER, MIN_MEAN_COVER,
-  NESTED, THRESHOLD_QUANTILES, OUTLINE_TOLERANCES,
+  BEYOND, MAX_LINES, COLLINEAR_PX, OPPOSED_PX, MIN_AREA, MIN_CROSSING_DEG, MIN_SIDE_COVER,
+  MIN_MEAN_COVER, LEAST_SIDE, LEAST_SINE, NESTED, SIZE_BONUS, THRESHOLD_QUANTILES,
+  OUTLINE_TOLERANCES,
 } = receiverLocateQuads;
 
 /** Smallest sine of the angle between neighbouring sides; at 70 degrees a display still has it. */
@@ -36,21 +38,6 @@ const LINES_WORK = 15;
 const OUTLINE_WORK = 3;
 
 /**
- * Measure the area of a quadrilateral, in square pixels; that of a clockwise one is positive.
- *
- * @param {Quad} quad
- * @returns {number}
- */
-export function signedArea(quad) {
-  let twice = 0;
-  for (let i = 0; i < 4; i++) {
-    const next = quad[(i + 1) & 3];
-    twice += quad[i][0] * next[1] - next[0] * quad[i][1];
-  }
-  return twice / 2;
-}
-
-/**
  * Tell whether a quadrilateral is clockwise, convex, large enough, no sliver, and in the image.
  *
  * @param {Quad} quad
@@ -61,25 +48,10 @@ export function signedArea(quad) {
  * @returns {boolean}
  */
 export function isSound(quad, width, height, outside = SLACK) {
-  const slack = outside * Math.max(width, height);
-  for (const [x, y] of quad) {
-    if (!(x >= -0.5 - slack && x <= width - 0.5 + slack)) return false;
-    if (!(y >= -0.5 - slack && y <= height - 0.5 + slack)) return false;
-  }
-  const least = (0.7 * MIN_CROSSING) ** 2;
-  for (let i = 0; i < 4; i++) {
-    const [a, b, c] = [quad[i], quad[(i + 1) & 3], quad[(i + 2) & 3]];
-    const x = b[0] - a[0];
-    const y = b[1] - a[1];
-    const nextX = c[0] - b[0];
-    const nextY = c[1] - b[1];
-    // the sine of the angle, times both sides
-    const sine = x * nextY - y * nextX;
-    if (!(sine > 0)) return false;
-    if (!(sine * sine > least * (x * x + y * y) * (nextX * nextX + nextY * nextY))) return false;
-  }
-  if (!(signedArea(quad) >= MIN_AREA * width * height)) return false;
-  return true;
+  if (!isNear(quad, width, height, outside)) return false;
+  const sides = sideLengths(quad);
+  const isBent = turns(quad).every((turn, i) => turn > LEAST_SINE * sides[i] * sides[(i + 1) & 3]);
+  return isBent && signedArea(quad) >= MIN_AREA * width * height;
 }
 
 /**
@@ -156,23 +128,9 @@ export function distinct(quads, rank, limit, tolerance) {
   const chosen = [];
   for (const at of order.slice(0, LOOKED_AT * limit)) {
     if (chosen.length >= limit) break;
-    if (chosen.every((other) => apart(quads[at], quads[other]) >= tolerance)) chosen.push(at);
+    if (chosen.every((other) => farthest(quads[at], quads[other]) >= tolerance)) chosen.push(at);
   }
   return chosen;
-}
-
-/**
- * Find the largest difference of two quadrilaterals' coordinates.
- *
- * @param {Quad} one
- * @param {Quad} other
- */
-function apart(one, other) {
-  let most = 0;
-  for (let i = 0; i < 4; i++) {
-    most = Math.max(most, Math.abs(one[i][0] - other[i][0]), Math.abs(one[i][1] - other[i][1]));
-  }
-  return most;
 }
 
 /**
@@ -339,7 +297,7 @@ function crossingLines(lines, width, height, limit, outside) {
   const cover = new Float64Array(count * pairs.length);
   /** Pairs that make a side of a line. @type {number[][]} */
   const sides = Array.from({ length: count }, () => []);
-  const shortest = 0.1 * Math.sqrt(width * height);
+  const shortest = LEAST_SIDE * Math.sqrt(width * height);
   for (let i = 0; i < count; i++) {
     pairs.forEach(([k, m], p) => {
       const [one, other] = [i * count + k, i * count + m];
@@ -378,7 +336,7 @@ function crossingLines(lines, width, height, limit, outside) {
       if (!isSound(quad, width, height, outside)) continue;
       if (outside > SLACK && isSound(quad, width, height)) continue;
       // longer sides are less likely to be covered by chance
-      const size = 0.3 * Math.sqrt(signedArea(quad) / (width * height));
+      const size = SIZE_BONUS * Math.sqrt(signedArea(quad) / (width * height));
       const whole = Math.max(outline(along, count, a, b, c, d), 1);
       const inView = outline(seen, count, a, b, c, d) / whole;
       found.push({ quad, rank: mean * inView + Math.min(one, two, three, four) + size });

@@ -16,10 +16,10 @@ import { roundHalfEven } from "../../image/round.js";
 import { resizeArea } from "../../image/shrink.js";
 import { warped } from "../../image/warp.js";
 import {
-  homographyFromCorners, isConvex, resizedHomography, sideLengths, transform,
+  STRAIGHT, homographyFromCorners, isConvex, resizedHomography, sideLengths, transform,
 } from "../../link/geometry.js";
-import { dot, inverse, multiply3, solve } from "../../link/linear.js";
-import { median, spreadOf } from "../../link/order.js";
+import { dot, inverse, multiply3, solve, varianceAlong } from "../../link/linear.js";
+import { mean, median, spreadOf } from "../../link/order.js";
 import { profiles } from "../locate/edges.js";
 import { MotionEquations, NUMBERS, UNIT_CORNERS, UnitMaps, unitHomography } from "./motion.js";
 
@@ -77,18 +77,24 @@ export class Border {
    * @param {Float64Array[]} profiles
    */
   #likeness(profiles) {
-    let [ab, aa, bb] = [0, 0, 0];
-    profiles.forEach((profile, side) => {
-      const [a, b] = [profile, this.#profiles[side]].map((each) => {
-        const mean = each.reduce((sum, value) => sum + value, 0) / each.length;
-        return each.map((value) => value - mean);
-      });
-      ab += dot(a, b);
-      aa += dot(a, a);
-      bb += dot(b, b);
-    });
-    return ab / Math.sqrt(aa * bb + 1e-9);
+    const [one, other] = [profiles, this.#profiles].map((each) =>
+      each.flatMap((profile) => {
+        const usual = mean(profile);
+        return Array.from(profile, (step) => step - usual);
+      }),
+    );
+    return cosine(one, other);
   }
+}
+
+/**
+ * Find the cosine of the angle between two vectors.
+ *
+ * @param {ArrayLike<number>} one
+ * @param {ArrayLike<number>} other
+ */
+function cosine(one, other) {
+  return dot(one, other) / Math.sqrt(dot(one, one) * dot(other, other) + 1e-9);
 }
 
 /**
@@ -224,21 +230,17 @@ export class Outline {
     const { data } = this.#view(gray, H);
     const [ring, seen, weight] = [this.#ring, this.#seen.data, this.#weight.data];
     const reference = this.#reference.data;
-    const far = new Float32Array(ring.length);
-    for (let i = 0; i < ring.length; i++) far[i] = data[ring[i]];
-    const [mean, deviation] = spreadOf(far);
+    const [mean, deviation] = spreadOf(Float32Array.from(ring, (at) => data[at]));
     const gain = this.#deviation / Math.max(deviation, 1e-3);
-    for (let i = 0; i < ring.length; i++) {
-      const at = ring[i];
+    const far = Float32Array.from(ring, (at) => {
       seen[at] = gain * (data[at] - mean) + this.#mean;
-      far[i] = Math.abs(seen[at] - reference[at]);
-    }
+      return Math.abs(seen[at] - reference[at]);
+    });
     const usual = robust.MAD_TO_SIGMA * median(far) + LEAST_DEVIATION;
     const inFrame = insideOf(gray, H, this.#maps.size);
-    for (let i = 0; i < ring.length; i++) {
-      const at = ring[i];
+    ring.forEach((at, i) => {
       weight[at] = inFrame(at) ? 1 / (1 + (far[i] / (OUTLIER * usual)) ** 2) : 0;
-    }
+    });
   }
 
   /** Write the normal equations of the motion, (8, 8) and (8,). */
@@ -252,21 +254,14 @@ export class Outline {
 
   /** Correlate the ring in the newest frame with that of the reference, by weights, in [-1, 1]. */
   #correlation() {
-    const [seen, reference, weight] = [this.#seen.data, this.#reference.data, this.#weight.data];
-    let [total, sum, other] = [1e-9, 0, 0];
-    for (const at of this.#ring) {
-      total += weight[at];
-      sum += weight[at] * seen[at];
-      other += weight[at] * reference[at];
-    }
-    let [ab, aa, bb] = [0, 0, 0];
-    for (const at of this.#ring) {
-      const [a, b] = [seen[at] - sum / total, reference[at] - other / total];
-      ab += weight[at] * a * b;
-      aa += weight[at] * a * a;
-      bb += weight[at] * b * b;
-    }
-    return ab / Math.sqrt(aa * bb + 1e-9);
+    const weight = Float64Array.from(this.#ring, (at) => this.#weight.data[at]);
+    const total = weight.reduce((sum, one) => sum + one, 1e-9);
+    const [one, other] = [this.#seen, this.#reference].map(({ data }) => {
+      const values = Float64Array.from(this.#ring, (at) => data[at]);
+      const usual = dot(values, weight) / total;
+      return values.map((value, i) => Math.sqrt(weight[i]) * (value - usual));
+    });
+    return cosine(one, other);
   }
 
   /** Tell whether noise alone would move no corner by much. */
@@ -280,11 +275,7 @@ export class Outline {
         const along = new Float64Array(NUMBERS);
         along.set([x, y, 1], 3 * axis);
         along.set([-[x, y][axis] * x, -[x, y][axis] * y], 6);
-        let variance = 0;
-        for (let i = 0; i < NUMBERS; i++) {
-          variance += along[i] * dot(covariance.subarray(i * NUMBERS, (i + 1) * NUMBERS), along);
-        }
-        return (side / 2) * Math.sqrt(variance);
+        return (side / 2) * Math.sqrt(varianceAlong(covariance, along));
       }),
     );
     return Math.max(...errors) <= CLEAR_PX;
@@ -303,14 +294,10 @@ function ringOf({ size, margin }) {
       Math.max(margin[axis] - at, at - (side - margin[axis] - 1)),
     ),
   );
-  const ring = new Int32Array(width * height);
-  let count = 0;
-  for (let row = 0, at = 0; row < height; row++) {
-    for (let col = 0; col < width; col++, at++) {
-      if (Math.max(beyondX[col], beyondY[row]) >= BORDER_PX) ring[count++] = at;
-    }
-  }
-  return ring.slice(0, count);
+  const all = Int32Array.from({ length: width * height }, (_, at) => at);
+  return all.filter((at) => {
+    return Math.max(beyondX[at % width], beyondY[Math.floor(at / width)]) >= BORDER_PX;
+  });
 }
 
 /**
@@ -323,16 +310,7 @@ function ringOf({ size, margin }) {
  * @returns {(at: number) => boolean}
  */
 function insideOf(frame, H, [width, height]) {
-  const [h0, h1, h2, h3, h4, h5, h6, h7, h8] = H;
+  const [xs, ys] = STRAIGHT.seenAt(H, width, height);
   const [right, bottom] = [frame.width - 1 - INSIDE_PX, frame.height - 1 - INSIDE_PX];
-  const isInside = (/** @type {number} */ at) => {
-    const col = at % width;
-    const row = (at - col) / width;
-    const w = h6 * col + h7 * row + h8;
-    const x = (h0 * col + h1 * row + h2) / w;
-    const y = (h3 * col + h4 * row + h5) / w;
-    return x > INSIDE_PX && y > INSIDE_PX && x < right && y < bottom;
-  };
-  const last = width * height - 1;
-  return [0, width - 1, last - width + 1, last].every(isInside) ? () => true : isInside;
+  return (at) => xs[at] > INSIDE_PX && ys[at] > INSIDE_PX && xs[at] < right && ys[at] < bottom;
 }

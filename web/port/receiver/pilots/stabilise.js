@@ -7,7 +7,7 @@ import {
 import { roundHalfEven } from "../../image/round.js";
 import { resizeArea } from "../../image/shrink.js";
 import { warped } from "../../image/warp.js";
-import { contourArea, transform } from "../../link/geometry.js";
+import { contourArea, resizedHomography, transform } from "../../link/geometry.js";
 import { inverse, multiply3 } from "../../link/linear.js";
 
 export const {
@@ -39,9 +39,8 @@ export class Tracks {
    *   too few points lie within, or too close together, or do not agree
    */
   motionWithin(quad) {
-    const lines = linesOf(quad);
     const { before, after } = this;
-    const isInside = (/** @type {number} */ i) => outside(lines, before[2 * i], before[2 * i + 1]) <= 0;
+    const isInside = (/** @type {number} */ i) => isWithin(quad, before[2 * i], before[2 * i + 1]);
     const within = chosen(before, isInside);
     const [motion] = motionsOf(within, chosen(after, isInside), 1, this.samePx, TRIES_WITHIN);
     if (motion === undefined || 2 * motion.count < AGREEING * within.length) return null;
@@ -84,9 +83,7 @@ export class Stabiliser {
     /** Copy of the reference. */
     this.reference = reference;
     this.#size = [width, height];
-    const x = width / reference.width;
-    const y = height / reference.height;
-    this.#HImageFromCopy = [x, 0, (x - 1) / 2, 0, y, (y - 1) / 2, 0, 0, 1];
+    this.#HImageFromCopy = resizedHomography(width / reference.width, height / reference.height);
     this.#farApart = farApart;
     this.#points = clearPoints(reference, farApart ? FAINT : CLEAR);
     this.#guess = this.#points.slice();
@@ -242,37 +239,15 @@ function motionsOf(before, after, most, samePx, tries = TRIES) {
 }
 
 /**
- * Tell how far a point lies outside of the nearest lines of a convex quadrilateral.
+ * Tell whether a point lies in a convex polygon.
  *
- * @param {Line[]} lines - of the quadrilateral
+ * @param {Point[]} corners - clockwise
  * @param {number} x
  * @param {number} y
- * @returns {number} negative within
  */
-function outside(lines, x, y) {
-  let most = -Infinity;
-  for (const { start, along } of lines) {
-    most = Math.max(most, along[1] * (x - start[0]) - along[0] * (y - start[1]));
-  }
-  return most;
-}
-
-/**
- * A line that bounds a quadrilateral: where it starts, and its direction, of length 1.
- *
- * @typedef {{ start: Point, along: number[] }} Line
- */
-
-/**
- * Find the lines that bound a quadrilateral.
- *
- * @param {Point[]} quad - clockwise
- */
-function linesOf(quad) {
-  return quad.map((start, i) => {
-    const end = quad[(i + 1) % quad.length];
-    const along = [end[0] - start[0], end[1] - start[1]];
-    const length = Math.max(Math.hypot(...along), 1e-9);
-    return { start, along: along.map((part) => part / length) };
+function isWithin(corners, x, y) {
+  return corners.every(([startX, startY], i) => {
+    const [endX, endY] = corners[(i + 1) % corners.length];
+    return (endX - startX) * (y - startY) >= (endY - startY) * (x - startX);
   });
 }

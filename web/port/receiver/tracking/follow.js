@@ -6,6 +6,7 @@ import { bytePlane, call } from "../../image/opencv.js";
 import { chooseFeatures, chosen, fitMotion, follow, pointsOf } from "../../image/points.js";
 import {
   Lens,
+  STRAIGHT,
   checkCorners,
   contourArea,
   farthest,
@@ -209,17 +210,12 @@ export class Follower {
     const { width, height } = this.layout;
     const corners = transform(HCapturedFromDisplay, frameCorners(width, height));
     if (inImage(corners, imageWidth, imageHeight).every(Boolean)) return null;
+    const [xs, ys] = STRAIGHT.seenAt(HCapturedFromDisplay, width, height);
     const seen = bytePlane(width, height);
-    const [h0, h1, h2, h3, h4, h5, h6, h7, h8] = HCapturedFromDisplay;
-    for (let y = 0, at = 0; y < height; y++) {
-      for (let x = 0; x < width; x++, at++) {
-        const w = h6 * x + h7 * y + h8;
-        const column = (h0 * x + h1 * y + h2) / w;
-        const row = (h3 * x + h4 * y + h5) / w;
-        const across = column >= -0.5 && column < imageWidth - 0.5;
-        if (across && row >= -0.5 && row < imageHeight - 0.5) seen.data[at] = 255;
-      }
-    }
+    xs.forEach((x, at) => {
+      const across = x >= -0.5 && x < imageWidth - 0.5;
+      if (across && ys[at] >= -0.5 && ys[at] < imageHeight - 0.5) seen.data[at] = 255;
+    });
     const inside = bytePlane(width, height);
     call("eroded", [seen, 2 * EDGE_PX + 1], [inside]);
     return inside;
