@@ -3,9 +3,10 @@
  * newest waits, so that the worker need not wait for the camera; the others are dropped.
  */
 
-import { transfer, wrap } from "comlink";
+import { transfer } from "comlink";
 import { rateOf } from "./frames.js";
-import { addressOf, checkVersion } from "./site.js";
+import { checkVersion } from "./site.js";
+import { startWorker } from "./workers.js";
 
 /** @import { Remote } from "comlink" */
 /** @import { Pixels } from "./frames.js" */
@@ -55,13 +56,8 @@ export class Reception {
     this.busy = /** @type {Promise<void> | null} */ (null);
     /** The newest frame that came while the worker was busy, and its time in seconds. */
     this.waiting = /** @type {{ pixels: Pixels, time: number } | null} */ (null);
-    const worker = new Worker(addressOf("worker.js"), { type: "module" });
-    worker.onerror = (event) => {
-      event.preventDefault();
-      this.fail(event.message || "its program could not be loaded");
-    };
     /** @type {Remote<Reading>} */
-    this.worker = wrap(worker);
+    this.worker = startWorker("worker.js", (error) => this.fail(error));
     this.prepare().catch((error) => this.fail(error));
   }
 

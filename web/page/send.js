@@ -1,6 +1,5 @@
 /** The page that sends: what is chosen, and what its buttons do. A worker makes the loop. */
 
-import { wrap } from "comlink";
 import { encodeQR } from "qr";
 import { codeAuthenticate, senderCarrying, senderCompact } from "../generated/constants.js";
 import { framesNeeded } from "../port/link/code/framing.js";
@@ -8,8 +7,9 @@ import { InputError } from "../port/link/errors.js";
 import { failureOf, isOfSite } from "./advice.js";
 import { toBase64 } from "../port/sender/base64.js";
 import { carriedShare, openFilm, openPicture, pixelsOf, sizeOf } from "../port/sender/picture.js";
-import { addressOf, checkVersion, download, keepForOffline, load, remember, remembered, started } from "./site.js";
+import { checkVersion, download, keepForOffline, load, remember, remembered, started } from "./site.js";
 import { linkOf } from "./text.js";
+import { startWorker } from "./workers.js";
 
 /** @import { Remote } from "comlink" */
 /** @import { SendPreset } from "../port/sender/loop.js" */
@@ -20,12 +20,11 @@ const { MIN_KEY_BYTES, MAX_KEY_BYTES, MAX_STAMP, STAMP_BYTES, TAG_BYTES } = code
 
 /** @param {string} id @returns {any} */
 const byId = (id) => document.getElementById(id);
-const program = new Worker(addressOf("sending.js"), { type: "module" });
 /** @type {Remote<Sending>} */
-const worker = wrap(program);
+let worker;
 /** Is rejected where the worker's program does not run. @type {Promise<never>} */
 const broken = new Promise((_, reject) => {
-  program.onerror = () => reject(new Error("sending.js is missing on the server"));
+  worker = startWorker("sending.js", reject);
 });
 broken.catch(() => {}); // it is said where a loop is wanted
 /** The chosen picture or film; each choice replaces the one before. */

@@ -17,8 +17,8 @@ import { warmUp } from "../port/receiver/warm.js";
 import { inTurn } from "./inTurn.js";
 import { planeOfFrame, planeOfRgba } from "./planes.js";
 import { MAX_RECORDED_BYTES, recordingFile } from "./recording.js";
-import { startDecoding } from "./remoteDecoder.js";
-import { addressOf, load } from "./site.js";
+import { load } from "./site.js";
+import { startWorker } from "./workers.js";
 
 /** @import { Pixels } from "./frames.js" */
 /** @import { Step } from "./protocol.js" */
@@ -143,9 +143,12 @@ const functions = {
 
 /** Load what reading needs, but for the graphs, which are loaded beside. */
 async function loadAll() {
-  const { decoding, ready } = startDecoding(addressOf("decoding.js"));
-  graphsReady = ready.catch((error) => void (undecodable = error)); // the next frame tells
-  graphs = { film: decoding, region: decoding };
+  graphsReady = new Promise((resolve, reject) => {
+    /** @type {import("comlink").Remote<import("./decoding.js").Decoding>} */
+    const decoding = startWorker("decoding.js", reject);
+    graphs = { film: decoding, region: decoding };
+    decoding.prepare().then(resolve, reject);
+  }).catch((error) => void (undecodable = error)); // the next frame tells
   const [table, { layout, width, height }, levels] = await Promise.all([
     ...["presets.json", "warm.json"].map(async (name) => (await load(name)).json()),
     load("warm/states.bin").then(async (file) => new Uint8Array(await file.arrayBuffer())),

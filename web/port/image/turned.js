@@ -1,27 +1,23 @@
 /** Images that are turned by right angles. */
 
 /**
- * Turn a frame the way in which it is to be seen, as films that were taken upright say it.
+ * Turn an image the way in which it is to be seen, as films that were taken upright say it.
  *
  * @template {Uint8Array | Float32Array} Samples
- * @param {import("./opencv.js").Plane<Samples>} plane
+ * @param {import("./opencv.js").Plane<Samples>} image - one sample a pixel, or several
  * @param {number} degrees - clockwise: 0, 90, 180 or 270
- * @returns {import("./opencv.js").Plane<Samples>} the same plane where nothing is to be done
+ * @returns {import("./opencv.js").Plane<Samples>} the same image where nothing is to be done
  */
-export function turned(plane, degrees) {
-  if (degrees === 0) return plane;
-  const { width, height, data } = plane;
-  const last = data.length - 1;
+export function turned(image, degrees) {
+  if (degrees === 0) return image;
+  const { width, height, data } = image;
+  const size = data.length / (width * height);
   const levels = /** @type {Samples} */ (data.slice());
-  if (degrees === 180) {
-    for (let i = 0; i <= last; i++) levels[i] = data[last - i];
-    return { width, height, data: levels };
-  }
-  for (let row = 0, i = 0; row < height; row++) {
-    for (let col = 0; col < width; col++, i++) {
-      const to = col * height + height - 1 - row; // of a quarter turn clockwise
-      levels[degrees === 90 ? to : last - to] = data[i];
+  for (let y = 0, to = 0; y < width; y++) {
+    for (let x = 0; x < height; x++) {
+      const from = size * ((height - 1 - x) * width + y);
+      for (let sample = 0; sample < size; sample++) levels[to++] = data[from + sample];
     }
   }
-  return { width: height, height: width, data: levels };
+  return turned({ width: height, height: width, data: levels }, degrees - 90);
 }

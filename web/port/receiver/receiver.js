@@ -36,6 +36,7 @@ export const { AMISS_PAIRS } = receiverTrackingJudge;
 
 /** Reads a message from the frames of a camera that films the display. */
 export class Receiver {
+  #film;
   #fps;
   #repeats = new Repeats();
   #rests;
@@ -71,6 +72,7 @@ export class Receiver {
     this.found = 0;
     /** Number of frames taken. */
     this.frames = 0;
+    this.#film = film;
     this.#fps = fps;
     this.#rests = mayRest ? new Rests() : null;
     /** @type {Graphs["region"]} */
@@ -198,14 +200,13 @@ export class Receiver {
     this.#isFollowing = tracked !== null;
     if (tracked === null || (isFollowed && !isInVain)) return tracked;
     this.#toggled = this.decoded;
-    const reader = this.#readers.get(this.#tracker.layout);
-    if (reader === undefined) throw new Error("a tracker found a layout that was not looked for");
+    const reader = /** @type {DisplayReader} */ (this.#readers.get(this.#tracker.layout));
     if (reader !== this.#reader || isInVain) {
       this.#reader = reader;
       reader.restart();
     }
     // what fails here fails again, and is told, when a pair is decoded
-    reader.load().catch(() => {});
+    this.#film.load?.().catch(() => {});
     return tracked;
   }
 

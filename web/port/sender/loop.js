@@ -5,6 +5,7 @@
  * pixel, and which levels leave room for that (web/host/tables.py).
  */
 
+import { turned as quarterTurned } from "../image/turned.js";
 import { encode } from "../link/code/framing.js";
 import { blockSteps } from "../link/strength.js";
 import { fromBase64, toBase64 } from "./base64.js";
@@ -44,7 +45,7 @@ export async function makeLoop(preset, content, picture) {
  */
 export function carrierOf(preset, picture) {
   const turned = (picture.width - picture.height) * (preset.size[0] - preset.size[1]) < 0;
-  const laid = turned ? turnedPicture(picture) : picture;
+  const laid = turned ? quarterTurned(picture, 90) : picture;
   const { rows, cols } = preset.loop;
   const steps = preset.even ? blockSteps(laid, rows, cols) : null;
   const shown = withRoom(laid, preset, steps);
@@ -97,18 +98,6 @@ async function loopOf(preset, content, { width, height }, turned, patches) {
     ),
     shown: new Array(pairs).fill(0),
   };
-}
-
-/** @param {Picture} picture @returns {Picture} turned a quarter clockwise */
-function turnedPicture({ width, height, data }) {
-  const turned = new Uint8Array(data.length);
-  for (let y = 0, to = 0; y < width; y++) {
-    for (let x = 0; x < height; x++, to += 3) {
-      const from = 3 * ((height - 1 - x) * width + y);
-      turned.set(data.subarray(from, from + 3), to);
-    }
-  }
-  return { width: height, height: width, data: turned };
 }
 
 /**

@@ -83,11 +83,6 @@ export class FilmReader {
     this.#corners = new CornerShift(layout);
   }
 
-  /** Get ready: frames will soon come. */
-  async load() {
-    await this.#decoder.load?.();
-  }
-
   /** Leave out all frames so far: what comes shows another place or another picture. */
   beginAnew() {
     this.#frames = [];
@@ -144,11 +139,7 @@ export class FilmReader {
     const newest = this.#frames.at(-1)?.time ?? -Infinity;
     const end = clock.number(isOver ? newest + clock.latest : now + clock.earliest);
     for (;;) {
-      for (;;) {
-        const pair = this.#scored.shift();
-        if (pair === undefined) break;
-        yield pair;
-      }
+      for (let pair; (pair = this.#scored.shift()); ) yield pair;
       const waiting = this.#waiting(clock, Math.floor(end / 2));
       if (waiting.length === 0) return;
       if (!isOver && !this.#isDue(2 * clock.period * waiting.length)) return;
@@ -199,8 +190,7 @@ export class FilmReader {
   async #score(clock, numbers) {
     const frames = this.#frames;
     const spans = frames.map(({ time }) => pairsShown(clock, time));
-    const needed = spans.findIndex(([, last]) => last >= numbers[0]);
-    let begin = Math.max(0, needed);
+    let begin = Math.max(0, spans.findIndex(([, last]) => last >= numbers[0]));
     let end = Math.min(frames.length, Math.max(begin + this.#window, LEAST_FRAMES));
     const isTooWide = () => spans[end - 1][1] - spans[begin][0] >= MOST_PAIRS;
     while (isTooWide()) end--;
@@ -237,11 +227,8 @@ export class FilmReader {
     const old = times.filter((time) => time <= this.#scoredAt).length;
     this.#correct(window, mixture, scores, Math.max(0, old - 1, window.length - LEARNT));
     this.#scoredAt = now;
-    for (const { time } of frames) {
-      if (clock.number(time + clock.latest) < 2 * next) {
-        this.#toldUntil = Math.max(this.#toldUntil, time);
-      }
-    }
+    const told = frames.filter(({ time }) => clock.number(time + clock.latest) < 2 * next);
+    this.#toldUntil = Math.max(this.#toldUntil, ...told.map(({ time }) => time));
     frames.splice(0, Math.max(0, end - this.#window));
   }
 

@@ -80,11 +80,6 @@ export class DisplayReader {
     this.collector.startRun();
   }
 
-  /** Get ready: frames of this layout will soon come. */
-  async load() {
-    await this.#source.load();
-  }
-
   /**
    * Take the display in the next camera frame.
    *
