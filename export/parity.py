@@ -41,8 +41,14 @@ FILM_WINDOWS, FILM_SEED = 9, 1
 """Number of the windows of film that are compared, and their seed."""
 FILM_GRIDS = ((16, 16), (24, 32), (48, 64))
 """Rows and columns of the grids of the windows that are compared."""
+REGION_TOLERANCE, REGION_BOUND = 0.02, 10.0
+"""Largest difference of the log-odds of a map, whose weights are rounded to float16 in the graph,
+and the bound beyond which log-odds count as the bound: cells beyond are as sure as any. Cells of
+log-odds within the tolerance may differ in sign."""
 REGION_SIZES = ((3, 96, 128), (13, 360, 640), (9, 357, 203))
 """Number, height and width of the frames of which maps are compared."""
+REGION_NOISE, REGION_CHANGE = 3.0, 6
+"""Standard deviation of the noise of these frames, and by how much they toggle, gray levels."""
 NOISE_RANGE = (10.0, 100.0)
 """Least and largest standard deviation of a pixel, gray levels: so much that most scores stay clear
 of their bound, where all are alike, at `FAINT`."""
@@ -125,26 +131,31 @@ def compare_films(module: FilmDecoder, graph: FilmGraph) -> Parity:
 
 
 def compare_regions(module: DisplayRegion, graph: RegionGraph) -> Parity:
-    """Map frames of noise with both, of sizes and numbers that differ.
+    """Map frames with both, of sizes and numbers that differ: noise, and a half that toggles.
 
     Args:
         module: the map of displays in torch.
         graph: the map of displays in onnxruntime.
 
     Returns:
-        what was found; cells count as different bits where their log-odds exceed `FILM_TOLERANCE`.
+        what was found; log-odds count as `REGION_BOUND` says, and cells count as different bits
+        where they exceed `REGION_TOLERANCE`.
     """
     rng = np.random.default_rng(FILM_SEED)
     module.eval()
 
     def both() -> Iterator[Both]:
-        for frames, height, width in REGION_SIZES:
-            stills = rng.integers(0, 256, (frames, height, width), np.uint8)
-            with torch.no_grad():
-                ours = module(torch.from_numpy(stills).float()[:, None]).numpy()
-            yield np.float64(ours).ravel(), np.float64(graph.log_odds(stills)).ravel()
+        for size in REGION_SIZES:
+            noise = rng.integers(0, 256, size, np.uint8)
+            toggling = rng.normal(100, REGION_NOISE, size)
+            toggling[1::2, :, : size[2] // 2] += REGION_CHANGE
+            for stills in (noise, toggling.astype(np.uint8)):
+                with torch.no_grad():
+                    ours = module(torch.from_numpy(stills).float()[:, None]).numpy()
+                maps = np.clip([ours, graph.log_odds(stills)], -REGION_BOUND, REGION_BOUND)
+                yield maps[0].ravel(), maps[1].ravel()
 
-    return _compared(both(), FILM_TOLERANCE, clear=FILM_TOLERANCE)
+    return _compared(both(), REGION_TOLERANCE, clear=REGION_TOLERANCE)
 
 
 def _compared(both: Iterator[Both], tolerance: float, clear: float) -> Parity:
