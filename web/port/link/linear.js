@@ -156,8 +156,7 @@ export function takeOff(vector, other, factor) {
  * @param {Float64Array[]} basis - orthonormal
  */
 export function takeOffBasis(vector, basis) {
-  const parts = basis.map((other) => dot(vector, other));
-  basis.forEach((other, which) => takeOff(vector, other, parts[which]));
+  for (const other of basis) takeOff(vector, other, dot(vector, other));
   return vector;
 }
 
