@@ -86,6 +86,9 @@ STATE_MEAN = 0.01
 """Mean difference in gray levels of states that were put together from frames."""
 STILL_MEAN = 0.3
 """Mean difference in gray levels of frames that were warped to lie still."""
+COMPENSATED_MEAN = 0.5
+"""Mean difference in levels of images of changes, of which four are a gray level: points of optical
+flow end some hundredths of a pixel apart."""
 VIEW_MEAN = 3.0
 """Mean difference in gray levels of small views of a texture, whose deviation is 20."""
 STATE_PURITY = 1e-6

@@ -19,6 +19,9 @@ from receiver.pilots.stabilise import FLOW_ENDS, FLOW_PX
 SPACING_PX = 8
 """Distance of the grid's points, in pixels: half of what is compared around a point, so that all of
 the image is. Chosen by hand."""
+HALVINGS = 2
+"""Number of times that frames are halved, so that points are found that have moved far: motions of
+about 30 pixels are then within sight. Chosen by hand."""
 EARLIER_S = 1 / 30
 """Time, in seconds, from the earlier frame to the one that is compared with it, at least one frame:
 most displays show another state by then, and most things have moved little. Chosen by hand."""
@@ -70,15 +73,12 @@ def moved_onto(gray: Gray, earlier: Gray) -> Gray:
         points.reshape(-1, 1, 2),  # (rows, cols, 2) -> (rows * cols, 1, 2)
         None,
         winSize=(FLOW_PX, FLOW_PX),
-        maxLevel=2,
+        maxLevel=HALVINGS,
         criteria=FLOW_ENDS,
     )
     found = np.where(status[:, :, None] == 1, found, points.reshape(-1, 1, 2))
     motion = found.reshape(points.shape) - points
-    x, y = (
-        cv2.resize(cv2.medianBlur(np.ascontiguousarray(part), 3), (width, height))
-        for part in np.moveaxis(motion, 2, 0)
-    )
+    x, y = cv2.split(cv2.resize(motion, (width, height)))
     return np.asarray(
         cv2.remap(
             earlier,

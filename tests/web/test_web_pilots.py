@@ -22,12 +22,13 @@ from link.layout import Layout, make_layout
 from link.pilots import pilot_centres, pilot_signs, pilot_values
 from link.steps import run_to_end
 from link.types import Array
+from receiver.pilots.compensate import Compensator
 from receiver.pilots.motion import map_size, moved_corners, without_slope
 from receiver.pilots.search.all_blocks import block_fit, block_maps
 from receiver.pilots.search.parts import COARSE_SIZE, coarse_shift
 from receiver.pilots.search.stills import Stills
 from receiver.pilots.signal import common_phase, pilot_evidence
-from receiver.pilots.stabilise import Stabiliser
+from receiver.pilots.stabilise import Stabiliser, small_gray
 from receiver.pilots.toggling import Wave
 from receiver.pilots.waves import position, span_of, waves
 
@@ -248,6 +249,18 @@ def test_of_two_motions_that_of_the_points_that_lie_farther_apart_is_chosen(port
         assert abs(moved - expected_px) < within.FOUND_PX
 
 
+@pytest.mark.parametrize("size", [(360, 640), (203, 357)])
+def test_what_has_only_moved_is_taken_off_frames(port: Port, size: tuple[int, int]) -> None:
+    wide = np.clip(120 + 40 * texture((size[0] + 20, size[1] + 40), 6), 0, 255).astype(np.uint8)
+    frames = [wide[5 * n : size[0] + 5 * n, 9 * n : size[1] + 9 * n] for n in range(4)]
+    for fps in (30, 60):
+        compensator = Compensator(fps)
+        ported = port("receiver/pilots/compensate.js").Compensator(fps)
+        for frame in map(np.ascontiguousarray, frames):
+            found, known = ported.take(frame), compensator.take(frame)
+            assert differences(found, known)[1] < within.COMPENSATED_MEAN
+
+
 def test_frames_are_held_still(port: Port) -> None:
     """Frames of a texture seen by a hand that moves; the last shows something else."""
     wide = np.clip(120 + 40 * texture((560, 1000), 6, sigma=3), 0, 255).astype(np.uint8)
@@ -262,9 +275,10 @@ def test_frames_are_held_still(port: Port) -> None:
     assert motions[3] is None
     for frame, H in zip(frames, motions, strict=True):
         same_motion(ported.follow(frame), H, (960, 540), within.CORNERS_PX)
-    still = stabiliser.still(frames[1], motions[1])
+    still = stabiliser.still(small_gray(frames[1]), motions[1])
     assert ported.reference.shape == still.shape
-    assert differences(ported.still(frames[1], motions[1]), still)[1] < within.STILL_MEAN
+    found = ported.still(ported.copyOf(frames[1]), motions[1])
+    assert differences(found, still)[1] < within.STILL_MEAN
     places = [[0.0, 0.0], [100.0, 50.0]]
     points = stabiliser.on_image(np.array(places))
     same(stabiliser.on_copy(points), places, within.FLOAT64)

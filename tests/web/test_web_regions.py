@@ -6,15 +6,19 @@ import onnx
 import pytest
 from pilot_films import TEXT, filmed, robust_film
 from port import Port, PortError, page_graphs, same
-from tolerances import LOG_ODDS, OUTLINE_CELLS
+from tolerances import LOG_ODDS, OUTLINE_CELLS, SNAPPED_PX
 
 from export.region_graph import shipped_region_graph
 from link.code.framing import encode
+from link.images import as_gray
 from link.presets import PRESETS
+from link.steps import run_to_end
 from link.types import Array, Image
 from models import REGION_GRAPH
 from receiver.locate.quads import upright
+from receiver.pilots.search.proposals import Proposer
 from receiver.pilots.search.regions import outline_regions
+from receiver.pilots.search.watch import Watch
 
 SIZE = 45, 80
 """Rows and columns of a map."""
@@ -47,6 +51,20 @@ def test_displays_are_outlined_as_by_python(port: Port, name: str) -> None:
         found, known = outlined(log_odds.ravel(), SIZE[1]), outline_regions(log_odds)
         assert len(found) == len(known) >= len(MAPS[name])
         same(upright(np.reshape(found, (-1, 4, 2))), upright(np.array(known)), OUTLINE_CELLS)
+
+
+def test_regions_snap_to_edges_as_by_python(port: Port) -> None:
+    images, corners = filmed(PRESETS["robust"].layout, 14, seed=5, hold=10**6)
+    layout = PRESETS["robust"].layout
+    ported = port("receiver/pilots/search/watch.js").Watch(as_gray(images[0]), 0, 30, False)
+    watch = Watch(images[0], 0.0, 30.0, picture_moves=False)
+    for number, image in enumerate(images[1:], 1):
+        assert watch.take(as_gray(image), number / 30) and ported.take(as_gray(image), number / 30)
+    rough = [corners[0] + np.random.default_rng(seed).uniform(-8, 8, (4, 2)) for seed in range(4)]
+    known = run_to_end(Proposer(watch, [layout]).snapped(rough))
+    proposer = port("receiver/pilots/search/proposals.js").Proposer(ported, [layout], None)
+    found = run_to_end(iter(proposer.snapped([quad.tolist() for quad in rough])))
+    assert np.median(np.abs(np.array(found) - known)) < SNAPPED_PX
 
 
 def test_nothing_is_outlined_where_nothing_is_likely(port: Port) -> None:

@@ -53,6 +53,9 @@ work; the network learned from no more."""
 SNAP_SHARE = 0.09
 """Distance, as a share of the root of a region's area, that its sides may move to an edge: the
 outlines of half of the simulated displays whose picture moves are so near."""
+SNAP_STEP_PX = 4
+"""Step, in pixels of the stills, to which that distance is rounded: what is prepared for a distance
+serves many regions. Chosen by hand."""
 EDGE_BLUR_PX = 1.0
 """Standard deviation, in pixels of the stills, by which noise is smoothed before edges are sought.
 Chosen by hand."""
@@ -174,15 +177,20 @@ class Proposer:
         Returns:
             two for each region, (4, 2) pixels of the reference.
         """
+        if not regions:
+            return []
         stills, found = self._watch.stills.frames[-MAPPED:], []
-        changes = change_levels(stills)
+        images = [
+            cv2.GaussianBlur(levels, (0, 0), EDGE_BLUR_PX).astype(np.float32)
+            for levels in (stills[0], change_levels(stills))
+        ]
         yield 1
         for region in regions:
             quad = self._watch.on_copy(region)[None]
-            reach = SNAP_SHARE * float(np.sqrt(cv2.contourArea(np.float32(quad))))
-            for levels in (stills[0], changes):
-                smooth = cv2.GaussianBlur(levels, (0, 0), EDGE_BLUR_PX).astype(np.float32)
-                found.append(self._watch.on_image(snap_to_edges(smooth, quad, reach)[0]))
+            size = float(np.sqrt(cv2.contourArea(np.float32(quad))))
+            reach = SNAP_STEP_PX * max(1, round(SNAP_SHARE * size / SNAP_STEP_PX))
+            for image in images:
+                found.append(self._watch.on_image(snap_to_edges(image, quad, reach)[0]))
             yield 1
         return found
 

@@ -6,19 +6,23 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from tolerances import HALVED_LOG_ODDS, LOG_ODDS
+from tolerances import HALVED_LOG_ODDS, LOG_ODDS, SNAPPED_PX
 
 from data_gen.film.message import FilmSettings, Take, film_message
 from export.parity import compare_regions
 from export.region_graph import RegionGraph, shipped_region_graph
 from link.errors import InputError
 from link.geometry import frame_corners, transform
+from link.presets import PRESETS
+from link.steps import run_to_end
 from link.types import Array
 from models import FILM_GRAPH, REGION_GRAPH
 from models.region.region import DisplayRegion
 from receiver.pilots.search import proposals
 from receiver.pilots.search.pilot_search import PilotSearch
+from receiver.pilots.search.proposals import Proposer
 from receiver.pilots.search.regions import _within, outline_regions
+from receiver.pilots.search.watch import Watch
 
 SIZE = 45, 80
 """Rows and columns of the maps."""
@@ -97,6 +101,27 @@ def test_the_shipped_map_is_that_of_its_checkpoint() -> None:
     halved = {name: x.half().float() if x.ndim == 4 else x for name, x in state.items()}
     module.load_state_dict(halved, strict=True)
     assert compare_regions(module, shipped_region_graph()).max_difference < LOG_ODDS
+
+
+@pytest.mark.parametrize("is_seen", [True, False])
+def test_regions_snap_to_edges_that_are_seen_and_to_those_of_what_changes(is_seen: bool) -> None:
+    """A bright picture, and one as dark as what is around it which changes."""
+    rng, corners = (
+        np.random.default_rng(0),
+        np.array([[100.0, 80], [420, 90], [410, 300], [110, 290]]),
+    )
+    frames = []
+    for _ in range(6):
+        frame = rng.integers(28, 32, (360, 640), np.uint8)
+        mask = cv2.fillConvexPoly(np.zeros_like(frame), np.int32(corners), 1) > 0
+        frame[mask] = 150 if is_seen else rng.integers(10, 50, int(mask.sum()))
+        frames.append(frame)
+    watch = Watch(frames[0], 0.0, 30.0, picture_moves=False)
+    for frame in frames:
+        watch.stills.add(frame)
+    rough = corners + rng.uniform(-9, 9, (4, 2))
+    by_sight, by_change = run_to_end(Proposer(watch, [PRESETS["robust"].layout]).snapped([rough]))
+    assert off(by_sight if is_seen else by_change, corners) < SNAPPED_PX < off(rough, corners)
 
 
 def test_other_graphs_are_refused(tmp_path: Path) -> None:

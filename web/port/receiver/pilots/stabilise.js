@@ -79,7 +79,7 @@ export class Stabiliser {
    */
   constructor(gray, farApart = false) {
     const { width, height } = gray;
-    const reference = this.#copyOf(gray);
+    const reference = this.copyOf(gray);
     /** Copy of the reference. */
     this.reference = reference;
     this.#size = [width, height];
@@ -99,7 +99,7 @@ export class Stabiliser {
     if (this.#points.length < 2 * MIN_POINTS) return null;
     if (gray.width !== this.#size[0] || gray.height !== this.#size[1]) return null;
     this.#last = null;
-    const small = this.#copyOf(gray);
+    const small = this.copyOf(gray);
     const { before, after } = foundAgain(this.reference, small, this.#points, this.#guess);
     const motions = motionsOf(before, after, this.#farApart ? 2 : 1, SAME_PX);
     if (motions.length === 0) return null;
@@ -111,17 +111,16 @@ export class Stabiliser {
   }
 
   /**
-   * Shrink a frame and move it onto the reference's copy.
+   * Move the copy of a frame onto the reference's.
    *
-   * @param {BytePlane} gray
+   * @param {BytePlane} copy
    * @param {Homography} HImageFromReference
    * @returns {BytePlane}
    */
-  still(gray, HImageFromReference) {
+  still(copy, HImageFromReference) {
     const grow = this.#HImageFromCopy;
     const H = multiply3(multiply3(inverse(grow), HImageFromReference), grow);
-    const small = this.#copyOf(gray);
-    return warped(small, H, small.width, small.height);
+    return warped(copy, H, copy.width, copy.height);
   }
 
   /**
@@ -149,7 +148,7 @@ export class Stabiliser {
    *
    * @param {BytePlane} gray
    */
-  #copyOf(gray) {
+  copyOf(gray) {
     if (this.#last === null || this.#last[0] !== gray) {
       const factor = Math.max(1, gray.width / WIDTH);
       const width = roundHalfEven(gray.width / factor);

@@ -9,6 +9,7 @@ import {
   homographyFromPoints,
   isConvex,
   pixelsInOne,
+  resizedHomography,
   transform,
 } from "../../../link/geometry.js";
 import { multiply3 } from "../../../link/linear.js";
@@ -35,7 +36,7 @@ const AVERAGED_FROM = 0.35;
  * a display is held still by the points within it, and only where they do not suffice, by the room.
  */
 export class HeldFrame {
-  /** The frame, which is looked at coarsely. */
+  /** What views show of the frame, which is looked at coarsely. */
   #copies;
 
   /**
@@ -47,10 +48,13 @@ export class HeldFrame {
    *   go by the room alone, because pictures may move
    * @param {Surrounded[]} [surrounded] - quadrilaterals that are followed by what lies around them,
    *   too, with where they lie here
+   * @param {BytePlane | null} [changes] - what a small copy of the frame shows beyond what has moved;
+   *   null to look at the frame itself
    */
-  constructor(gray, HFrameFromReference, at, time, tracks = null, surrounded = []) {
+  constructor(gray, HFrameFromReference, at, time, tracks = null, surrounded = [], changes = null) {
     this.gray = gray;
-    this.#copies = new Copies(gray);
+    this.changes = changes;
+    this.#copies = new Copies(changes ?? gray);
     this.at = at;
     this.time = time;
     this.HFrameFromReference = HFrameFromReference;
@@ -107,14 +111,17 @@ export class HeldFrame {
   }
 
   /**
-   * Find where corners lie in the frame.
+   * Find where corners lie in what views show.
    *
    * @param {Point[]} corners - in the reference frame
    * @returns {Point[] | null} null where they make no sound quadrilateral near the image
    */
   #quad(corners) {
     const quad = this.corners(corners);
-    return isNear(quad, this.gray.width, this.gray.height) ? quad : null;
+    const { width, height } = this.gray;
+    if (!isNear(quad, width, height)) return null;
+    const shown = this.#copies.image;
+    return transform(resizedHomography(shown.width / width, shown.height / height), quad);
   }
 }
 

@@ -4,8 +4,8 @@
  * A search looks at a window of some tenths of a second (`windowSearch.js`). While it does, the frames
  * of the next window are watched, so that a display which comes late need not wait for its end.
  *
- * Where something toggled like a display and none was sure, the next window takes the picture for one
- * that moves, as a video does, and holds the room still alone.
+ * Every other window takes pictures for such that move, as a video does: the room alone is held still,
+ * and what has only moved is taken off the frames (compensate.js).
  *
  * The work is cut into steps finer than Python's (`types.d.ts`): no frame takes long.
  */
@@ -56,15 +56,12 @@ const SPARE = 0.8;
 
 /** Looks for a display that shows one of several layouts with pilots. */
 export class PilotSearch {
-  /**
-   * Whether the picture moves of the display that was found; before one is, whether pictures move in
-   * the next window.
-   */
+  /** Whether the picture of the display that was found last moves by itself. */
   pictureMoves = false;
   /** Whether no search has begun, or one has just ended. */
   isIdle = true;
-  /** Number of windows in vain since a display was found. */
-  #failed = 0;
+  /** Number of windows since a display was found. */
+  #begun = 0;
   /** @type {WindowSearch[]} */
   #windows = [];
 
@@ -100,9 +97,7 @@ export class PilotSearch {
    */
   push(gray, time, begun = performance.now()) {
     this.isIdle = false;
-    for (const window of this.#windows) {
-      if (!window.watch.take(gray, time)) this.#giveUp(window);
-    }
+    this.#windows = this.#windows.filter(({ watch }) => watch.take(gray, time));
     if (this.#windows.length < WINDOWS && this.#windows.every(({ isLate }) => isLate)) {
       this.#begin(gray, time);
     }
@@ -111,12 +106,10 @@ export class PilotSearch {
     const isWaiting = this.#windows.some((window) => window.isWaiting);
     const isSpare = this.#isLive && (isWatching || isWaiting);
     const until = begun + (isSpare ? (SPARE * 1000) / this.fps : this.frameMs);
-    const early = this.#windows.filter(({ isLate }) => !isLate);
-    const late = this.#windows.filter(({ isLate }) => isLate);
-    late.sort((one, other) => Number(other.isWaiting) - Number(one.isWaiting));
+    const order = [...this.#windows].sort((one, other) => rankOf(one) - rankOf(other));
     let left = this.#isLive ? Infinity : isSettling ? SETTLING_WORK : FRAME_WORK;
-    for (const window of [...early, ...late]) {
-      if (window.isLate) left /= 2;
+    for (const window of order) {
+      if (window.isLate && !window.isSettling) left /= 2;
       if (left <= 0) break;
       do {
         const step = window.steps.next();
@@ -128,38 +121,25 @@ export class PilotSearch {
     return null;
   }
 
-  /** Take the picture for one that moves, or no longer for one, from the next search on. */
+  /** Begin the next search with a window that takes pictures for what they were not before. */
   doubtPicture() {
-    this.pictureMoves = !this.pictureMoves;
+    this.#begun = Number(!this.pictureMoves);
   }
 
   /**
-   * Begin a window with a frame. After one in vain, windows are longer, and what is proposed late is
-   * tried upright and sideways by turns.
+   * Begin a window with a frame. By turns, windows take pictures for such that stand still and for such
+   * that move. After the first one, windows are longer, and two try what is proposed late upright, the
+   * next two sideways.
    *
    * @param {BytePlane} gray
    * @param {number} time
    */
   #begin(gray, time) {
-    const number = this.#failed + this.#windows.length;
-    const turns = number === 0 ? ANY_TURN : [ANY_TURN[(number - 1) % 2]];
-    const moves = this.pictureMoves || this.#windows.some(({ isDoubtful }) => isDoubtful);
-    const watch = new Watch(gray, time, this.fps, moves, number > 0 ? 2 : 1);
+    const number = this.#begun++;
+    const turns = number === 0 ? ANY_TURN : [ANY_TURN[Math.floor((number - 1) / 2) % 2]];
+    const watch = new Watch(gray, time, this.fps, number % 2 === 1, number > 0 ? 2 : 1);
     const isAlone = this.#windows.length === 0;
     this.#windows.push(new WindowSearch(watch, this.layouts, this.mapper, turns, isAlone));
-    this.pictureMoves = false;
-  }
-
-  /**
-   * Drop a window. Where something toggled in it like a display, the next picture moves.
-   *
-   * @param {WindowSearch} window
-   */
-  #giveUp(window) {
-    this.#windows = this.#windows.filter((each) => each !== window);
-    if (!window.isDoubtful || this.#windows.some(({ watch }) => watch.pictureMoves)) return;
-    this.#windows = [];
-    this.pictureMoves = true;
   }
 
   /**
@@ -172,20 +152,30 @@ export class PilotSearch {
   #ended(settled, window) {
     this.isIdle = true;
     if (settled === null) {
-      this.#failed++;
-      this.#giveUp(window);
+      this.#windows = this.#windows.filter((each) => each !== window);
       return null;
     }
     const { watch } = window;
-    this.#failed = 0;
+    this.#begun = 0;
     this.#windows = [];
-    this.pictureMoves = watch.pictureMoves;
     const { proposal, k } = settled;
     const { layout, corners, toggling } = proposal;
+    this.pictureMoves = watch.pictureMoves || watch.moves(corners);
     const newest = watch.newest.corners(corners);
     const clock = toggling.clockInSeconds(this.fps, watch.start);
-    const pictureMoves = watch.pictureMoves || watch.moves(corners);
+    const { pictureMoves } = this;
     const held = watch.held.slice(0, -1);
     return { layout, corners: newest, firstCorners: corners, k, clock, pictureMoves, held };
   }
+}
+
+/**
+ * Tell when a window has its turn, the smaller the sooner: what is being settled comes first, then what
+ * is not late, and of the late ones those with something that waits.
+ *
+ * @param {WindowSearch} window
+ */
+function rankOf(window) {
+  if (window.isSettling) return 0;
+  return window.isLate ? 3 - Number(window.isWaiting) : 1;
 }

@@ -3,8 +3,13 @@
 import {
   modelsRegion, receiverPilotsSearchProposals, receiverPilotsSearchWatch,
 } from "../../../../generated/constants.js";
+import { blurred } from "../../../image/blur.js";
 import { equalised, withoutDetails } from "../../../image/levels.js";
+import { planeLike } from "../../../image/opencv.js";
+import { roundHalfEven } from "../../../image/round.js";
+import { contourArea } from "../../../link/geometry.js";
 import { candidateSteps, leavingSteps } from "../../locate/candidates.js";
+import { snapToEdges } from "../../locate/edges.js";
 import { rolled, upright } from "../../locate/quads.js";
 import { movedCorners } from "../motion.js";
 import { expectedChanges, picked, pilotValues, standingOut } from "../../../link/pilots.js";
@@ -21,6 +26,7 @@ const { CELL_PX, LEAST_PX } = modelsRegion;
 export const { STRONGEST, PROMISING } = receiverPilotsSearchProposals;
 const {
   VIEW_SIZE, CANDIDATES, LEAVING, PARTLY_SEEN, BRIGHT_PX, DARK_PX, STATES_HZ, MAPPED,
+  SNAP_SHARE, SNAP_STEP_PX, EDGE_BLUR_PX, LOG_LEVELS,
 } = receiverPilotsSearchProposals;
 
 export const { NEXT_FRAME } = receiverPilotsSearchWatch;
@@ -32,6 +38,9 @@ const FIT_WORK = 4;
 const ROUGH_WORK = 2;
 /** Units of work of outlining what a map shows. */
 const OUTLINE_WORK = 8;
+/** Units of work of an image of changes, and of moving the sides of a region to edges. */
+const CHANGES_WORK = 15;
+const SNAP_WORK = 12;
 
 /**
  * Where a display may be: corners in the reference frame, the displayed picture's top left first;
@@ -154,6 +163,32 @@ export class Proposer {
       const onStill = outline.map(([x, y]) => /** @type {Point} */ ([CELL_PX * x - 0.5, CELL_PX * y - 0.5]));
       return this.#watch.onImage(upright(onStill));
     });
+  }
+
+  /**
+   * Move the sides of regions to edges: to those that are seen, and to those of what changes. A picture
+   * that moves changes up to its border, even where it is as dark as what is around it.
+   *
+   * @param {readonly Point[][]} regions - as `regions` proposes them
+   * @returns {Steps<Point[][]>} two for each region
+   */
+  *snapped(regions) {
+    const found = [];
+    if (regions.length > 0) {
+      const stills = this.#watch.stills.frames.slice(-MAPPED);
+      const images = [stills[0], changeLevels(stills)].map((each) => blurred(each, EDGE_BLUR_PX));
+      yield CHANGES_WORK;
+      for (const region of regions) {
+        const quad = this.#watch.onCopy(region);
+        const steps = roundHalfEven((SNAP_SHARE * Math.sqrt(contourArea(quad))) / SNAP_STEP_PX);
+        const reach = SNAP_STEP_PX * Math.max(1, steps);
+        for (const image of images) {
+          found.push(this.#watch.onImage(snapToEdges(image, quad, reach)));
+          yield SNAP_WORK;
+        }
+      }
+    }
+    return found;
   }
 
   /**
@@ -280,6 +315,25 @@ export class Proposer {
     }
     return best;
   }
+}
+
+/**
+ * Show by how much pixels change from still to still, as an image.
+ *
+ * @param {readonly BytePlane[]} stills - at least two
+ * @returns {BytePlane} the logarithm of the mean squared change, in units of which `LOG_LEVELS` make
+ *   the change larger by a power of e
+ */
+function changeLevels(stills) {
+  const levels = planeLike(stills[0], stills[0].width, stills[0].height);
+  levels.data.forEach((_, i) => {
+    let power = 0;
+    for (let at = 1; at < stills.length; at++) {
+      power += (stills[at].data[i] - stills[at - 1].data[i]) ** 2;
+    }
+    levels.data[i] = LOG_LEVELS * Math.log(power / (stills.length - 1) + 1);
+  });
+  return levels;
 }
 
 /**

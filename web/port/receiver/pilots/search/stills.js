@@ -8,7 +8,7 @@ import { rolled } from "../../locate/quads.js";
 export class Stills {
   /** @type {BytePlane[]} */
   #stills = [];
-  /** The frames, which are looked at coarsely. @type {Copies[]} */
+  /** What views show of the frames, which is looked at coarsely. @type {Copies[]} */
   #copies = [];
 
   /**
@@ -24,10 +24,11 @@ export class Stills {
    * Take the next frame, aligned with those before.
    *
    * @param {BytePlane} still - is kept
+   * @param {BytePlane} [shown] - what views show instead of it; is kept
    */
-  add(still) {
+  add(still, shown = still) {
     this.#stills.push(still);
-    this.#copies.push(new Copies(still));
+    this.#copies.push(new Copies(shown));
   }
 
   /** All frames so far. */

@@ -4,6 +4,7 @@ import { receiverPilotsSearchWatch } from "../../../../generated/constants.js";
 import { roundHalfEven } from "../../../image/round.js";
 import { inImage, transform } from "../../../link/geometry.js";
 import { identity, inverse } from "../../../link/linear.js";
+import { Compensator } from "../compensate.js";
 import { Stabiliser } from "../stabilise.js";
 import { position } from "../waves.js";
 import { HeldFrame, MovingOutline, surroundingsOf } from "./film.js";
@@ -15,6 +16,7 @@ const { WINDOW_S, LEAST_WINDOW, MOST_WINDOW, IN_VIEW, CHECKED, HELD_S, LEAST_HEL
 /** Holds the frames of a film still against the camera's motion since a reference frame. */
 export class Watch {
   #stabiliser;
+  #compensator;
   #most;
   /**
    * Places of corners that follow their own motion, by corners; the second were found since their
@@ -32,7 +34,8 @@ export class Watch {
    * @param {BytePlane} reference - the reference frame
    * @param {number} time - when it was taken, seconds
    * @param {number} fps - nominal number of frames of the camera in a second
-   * @param {boolean} pictureMoves - whether the room alone is held still
+   * @param {boolean} pictureMoves - whether pictures are taken to move: the room alone is held still,
+   *   and what has only moved is taken off the frames before pilots are sought in them
    * @param {number} [longer] - number of times the usual number of frames that are watched
    */
   constructor(reference, time, fps, pictureMoves, longer = 1) {
@@ -52,8 +55,10 @@ export class Watch {
     /** Number of later frames that must agree with what is not certain. */
     this.confirming = Math.floor((2 * this.window) / 3);
     this.#most = Math.max(LEAST_HELD, roundHalfEven(HELD_S * fps), this.confirming);
+    this.#compensator = pictureMoves ? new Compensator(fps) : null;
+    const changes = this.#changes(reference);
     /** The newest frames of all. */
-    this.held = [new HeldFrame(reference, identity(3), 0, time)];
+    this.held = [new HeldFrame(reference, identity(3), 0, time, null, [], changes)];
   }
 
   /** The frames watched, and of those that came later the newest. */
@@ -93,7 +98,7 @@ export class Watch {
     surrounded ??= this.#surrounded(gray, tracks);
     const at = position(time - this.start, this.fps);
     if (this.frames.length === 0) this.#add(this.held[0]); // now the film can be held still
-    this.held.push(new HeldFrame(gray, H, at, time, tracks, surrounded));
+    this.held.push(new HeldFrame(gray, H, at, time, tracks, surrounded, this.#changes(gray)));
     if (this.held.length > this.#most) this.held.shift();
     if (!this.isFull) this.#add(this.newest);
     this.seen++;
@@ -149,8 +154,19 @@ export class Watch {
   /** Watch a frame. @param {HeldFrame} frame */
   #add(frame) {
     this.frames.push(frame);
-    const still = this.#stabiliser.still(frame.gray, frame.HFrameFromReference);
-    this.stills.add(still);
+    const [still, shown] = [this.#stabiliser.copyOf(frame.gray), frame.changes].map((copy) =>
+      copy === null ? undefined : this.#stabiliser.still(copy, frame.HFrameFromReference),
+    );
+    this.stills.add(/** @type {BytePlane} */ (still), shown);
+  }
+
+  /**
+   * Find what the copy of the next frame shows beyond what has moved, where it matters.
+   *
+   * @param {BytePlane} gray
+   */
+  #changes(gray) {
+    return this.#compensator?.take(this.#stabiliser.copyOf(gray)) ?? null;
   }
 
   /**
@@ -187,6 +203,15 @@ export class Watch {
     }
     own.set(corners, places);
     return places.slice(0, last);
+  }
+
+  /**
+   * Move points from the reference to the map.
+   *
+   * @param {Point[]} points
+   */
+  onCopy(points) {
+    return this.#stabiliser.onCopy(points);
   }
 
   /**

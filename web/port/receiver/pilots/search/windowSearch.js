@@ -30,8 +30,6 @@ export class WindowSearch {
   #turns;
   /** The same, upright and upside down. */
   #everyTurn;
-  /** Largest evidence of a quadrilateral so far, before it pays. */
-  #surestSeen = 0;
   /** Whether edges have been glanced at in all frames that are watched. */
   isLate = false;
   /** Whether a proposal is being settled. */
@@ -60,11 +58,6 @@ export class WindowSearch {
   /** Whether a proposal that is being settled has waited for a frame, or waits for one. */
   get isWaiting() {
     return this.#waiting.length > 0;
-  }
-
-  /** Whether something toggles like a display, unless its picture moves, too. */
-  get isDoubtful() {
-    return this.#surestSeen > PROMISING && !this.watch.pictureMoves;
   }
 
   /**
@@ -154,8 +147,10 @@ export class WindowSearch {
     const early = yield* this.#glance(yield* faint);
     if (early !== null) return early;
     const regions = yield* this.#proposer.regions();
+    const snapped = yield* this.#proposer.snapped(regions);
     const bounded =
-      (yield* this.#glance(regions)) ?? (yield* this.#fit(regions.slice(0, 1), this.#everyTurn));
+      (yield* this.#glance([...snapped, ...regions])) ??
+      (yield* this.#fit(regions.slice(0, 1), this.#everyTurn));
     if (bounded !== null) return bounded;
     for (const edges of withoutDetails) {
       const found = yield* this.#glance(yield* edges);
@@ -219,7 +214,6 @@ export class WindowSearch {
    * @param {number} evidence
    */
   *#settle(proposal, evidence) {
-    this.#surestSeen = Math.max(this.#surestSeen, evidence);
     return yield* this.#goOn(settleSteps(proposal, evidence, this.watch));
   }
 

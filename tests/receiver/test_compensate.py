@@ -1,0 +1,63 @@
+"""What has only moved is taken off frames, and what toggles is left."""
+
+import numpy as np
+import pytest
+from pilot_films import texture
+
+from link.types import Array, Image
+from receiver.pilots.compensate import NOTHING, STEPS, Compensator
+
+BLOCKS = 12, 16
+"""Rows and columns of blocks of 16 x 16 pixels."""
+SIGNS = np.random.default_rng(0).choice([-1.0, 1.0], BLOCKS)
+
+
+def panned(states: list[int], px: int, seed: int = 1) -> list[Image]:
+    """Frames of a picture that moves by pixels a frame, under blocks that toggle by 2 levels."""
+    height, width = 16 * BLOCKS[0], 16 * BLOCKS[1]
+    wide = 120 + 35 * texture((height, width + px * len(states)), seed)
+    toggled = np.kron(SIGNS, np.ones((16, 16)))
+    return [
+        np.uint8(np.clip(wide[:, px * n : px * n + width] + 2 * state * toggled, 0, 255).round())
+        for n, state in enumerate(states)
+    ]
+
+
+def along_signs(change: Array) -> float:
+    """Correlation of the blocks' means, but for those at the border, with their signs."""
+    means = change.reshape(BLOCKS[0], 16, BLOCKS[1], 16).mean(axis=(1, 3))
+    inner = np.s_[1:-1, 1:-1]
+    return float(np.corrcoef(means[inner].ravel(), SIGNS[inner].ravel())[0, 1])
+
+
+@pytest.mark.parametrize("px", [7, 12])
+def test_what_toggles_is_left_of_a_picture_that_moves(px: int) -> None:
+    states = [1, -1, 1, 1, -1, 1]
+    frames = panned(states, px)
+    compensator = Compensator(30.0)
+    changes = [compensator.take(frame).astype(float) - NOTHING for frame in frames]
+    for number in (1, 2, 4, 5):  # with states that differ from those before
+        bare = frames[number].astype(float) - frames[number - 1]
+        assert states[number] * along_signs(changes[number]) > 0.7
+        assert abs(along_signs(bare)) < 0.5
+        assert np.abs(changes[number]).mean() / STEPS < 0.3 * np.abs(bare).mean()
+
+
+def test_nothing_is_left_of_what_stands_still() -> None:
+    still = panned([0], 0)[0]
+    compensator = Compensator(30.0)
+    for _ in range(3):
+        assert (compensator.take(still) == NOTHING).all()
+
+
+def test_frames_of_quick_cameras_are_compared_over_the_same_time() -> None:
+    """At 60 frames a second, a frame is compared with the one before the last."""
+    compensator = Compensator(60.0)
+    changes = [compensator.take(frame) for frame in panned([1, -1, 1, -1, 1], 0)]
+    assert [bool((change == NOTHING).all()) for change in changes] == [
+        True,
+        False,
+        True,
+        True,
+        True,
+    ]
