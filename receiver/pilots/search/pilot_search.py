@@ -18,9 +18,10 @@ from link.images import as_gray
 from link.layout import Layout
 from link.types import Corners, Image
 from receiver.pilots.search.film import HeldFrame
+from receiver.pilots.search.proposals import ANY_TURN
 from receiver.pilots.search.settle import Detection
 from receiver.pilots.search.watch import NEXT_FRAME, Observer, Watch
-from receiver.pilots.search.window_search import ANY_TURN, Search, WindowSearch
+from receiver.pilots.search.window_search import Search, WindowSearch
 
 WINDOWS = 2
 """Largest number of windows in which a display is looked for at once: in one, while the next one is

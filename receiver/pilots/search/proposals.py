@@ -66,6 +66,9 @@ STATES_HZ = (15.0, 30.0, 60.0, 120.0)
 """Numbers of states a second at which the pilots of layouts without a code are fitted to
 quadrilaterals that may be far off; where edges bound the display, it is found at any rate. Panels
 show states at whole parts of 60 and 120 Hz."""
+ANY_TURN = 0, 1
+"""Quarter turns after which quadrilaterals are tried upright and upside down, so that any of their
+sides may be up."""
 PROMISING = 9.0
 """Evidence of a quadrilateral, before the number of trials is taken off, at which its corners are
 refined at once. The false-alarm probability of one quadrilateral is then e to the -9, one in 8,000,
@@ -211,23 +214,20 @@ class Proposer:
             found = display_candidates(even, CANDIDATES)
             yield [self._watch.on_image(candidate.corners) for candidate in found]
 
-    def weigh_coarsely(
-        self, quad: Array, turns: Sequence[int], count: int | None = None
-    ) -> tuple[float, Proposal]:
-        """Weigh a quadrilateral by small views of what toggles in it.
+    def weigh_coarsely(self, quad: Array, count: int | None = None) -> tuple[float, Proposal]:
+        """Weigh a quadrilateral, any side up, by small views of what toggles in it.
 
         Args:
             quad: (4, 2) pixels of the reference frame.
-            turns: quarter turns after which it is weighed, upright and upside down.
             count: as `Watch.places` takes it.
 
         Returns:
             the evidence, before it pays, and what it speaks for.
         """
         ways = []
-        for turn in turns:
+        for turn in ANY_TURN:
             values = self.pilots_seen(quad, turn, count)
-            ways.append(self._likeliest(np.roll(quad, -turn, axis=0), values, self._layouts))
+            ways.append(self._likeliest(np.roll(quad, -turn, axis=0), values))
         return max(ways, key=lambda way: way[0])
 
     def pilots_seen(self, quad: Array, turn: int, count: int | None = None) -> PilotsSeen:
@@ -248,34 +248,32 @@ class Proposer:
         values += [_pilots_in(view, self._layouts) for view in views]
         return values
 
-    def likeliest_in(self, corners: Array, layouts: Sequence[Layout]) -> tuple[float, Proposal]:
+    def likeliest_in(self, corners: Array) -> tuple[float, Proposal]:
         """Choose the layout, either side up, that is likeliest in small views of corners."""
         views = self._watch.stills.views(self._watch.places(corners), *self._view_size)
-        return self._likeliest(corners, [_pilots_in(view, layouts) for view in views], layouts)
+        return self._likeliest(corners, [_pilots_in(view, self._layouts) for view in views])
 
-    def _likeliest(
-        self, corners: Array, values: PilotsSeen, layouts: Sequence[Layout]
-    ) -> tuple[float, Proposal]:
+    def _likeliest(self, corners: Array, values: PilotsSeen) -> tuple[float, Proposal]:
         """Choose the layout, upright or upside down, that is likeliest by pilots in the frames."""
         at, found = positions(self._watch.frames[: len(values)]), []
-        for way, (layout, half) in enumerate(product(layouts, (0, 2))):
+        for way, (layout, half) in enumerate(product(self._layouts, (0, 2))):
             picked = [each[way] for each in values]
             evidence, toggling = find_toggling(picked, layout, at, self._fps)
             found.append((evidence, Proposal(np.roll(corners, -half, axis=0), layout, toggling)))
         return max(found, key=lambda each: each[0])
 
-    def first_fit(self, quad: Array) -> Steps[Proposal | None]:
+    def first_fit(self, quad: Array) -> Steps[Array | None]:
         """Fit every layout to a quadrilateral that may be far off, in steps.
 
         Args:
             quad: (4, 2) pixels of the reference frame, the displayed picture's top left first.
 
         Returns:
-            what fits best after a shift from far, or None where nothing does.
+            its corners, (4, 2), after the shift from far that fits best, or None where none does.
         """
         views = self._watch.stills.views(self._watch.places(quad), *COARSE_SIZE).astype(np.float32)
         at = positions(self._watch.frames)
-        best: tuple[int, Proposal] | None = None
+        most, best = 0, None
         for layout in self._layouts:
             series, blocks = rough_series(views, layout), expected_changes(layout)
             ways: Sequence[TogglePattern] = [Wave(frequency) for frequency in self._frequencies]
@@ -283,10 +281,10 @@ class Proposer:
                 ways = shifted_togglings(series, blocks, layout, at, self._fps)
             for toggling in ways:
                 fit = coarse_shift(toggling.amplitudes(series, at), blocks, layout, far=True)
-                if fit is not None and (best is None or fit[1] > best[0]):
-                    best = fit[1], Proposal(moved_corners(quad, fit[0], layout), layout, toggling)
+                if fit is not None and fit[1] > most:
+                    most, best = fit[1], moved_corners(quad, fit[0], layout)
             yield 1
-        return None if best is None else best[1]
+        return best
 
 
 def _pilots_in(view: Gray, layouts: Sequence[Layout]) -> list[NDArray[np.float32]]:

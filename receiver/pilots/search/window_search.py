@@ -14,6 +14,7 @@ from link.layout import Layout
 from link.steps import Steps
 from link.types import Array
 from receiver.pilots.search.proposals import (
+    ANY_TURN,
     PROMISING,
     STRONGEST,
     Proposal,
@@ -29,9 +30,6 @@ other steps of the search. Chosen by hand."""
 SURROUNDED = 4
 """Number of quadrilaterals, those of the strongest edges, that are followed by what surrounds them.
 It bounds the work; chosen by hand."""
-ANY_TURN = 0, 1
-"""Quarter turns after which quadrilaterals are tried upright and upside down, so that any of their
-sides may be up."""
 Search = Steps[Detection | None]
 """Steps of the search, which end with the display that is detected, or None."""
 
@@ -42,7 +40,7 @@ class WindowSearch:
     Args:
         watch: the film, of which the reference frame has come.
         layouts: those that may be shown.
-        turns: quarter turns after which quadrilaterals are tried that are proposed late.
+        turns: quarter turns after which the pilots are fitted to what is proposed late.
         is_alone: whether no other window is searched while the frames come.
     """
 
@@ -140,9 +138,8 @@ class WindowSearch:
             quads: (4, 2) pixels of the reference frame each, the likeliest first.
             count: as `Watch.places` takes it; None for those that are proposed late.
         """
-        turns = self._turns if count is None else ANY_TURN
         for number, quad in enumerate(quads):
-            evidence, proposal = self._proposer.weigh_coarsely(quad, turns, count)
+            evidence, proposal = self._proposer.weigh_coarsely(quad, count)
             self.watch.tell("weighed", quad, evidence)
             if evidence > PROMISING and (found := (yield from self._weigh_and_verify(proposal))):
                 return found
@@ -158,13 +155,13 @@ class WindowSearch:
             turns: quarter turns after which each is tried.
         """
         for quad, turn in product(quads, turns):
-            fit = yield from self._proposer.first_fit(np.roll(quad, -turn, axis=0))
-            if fit is None:
+            corners = yield from self._proposer.first_fit(np.roll(quad, -turn, axis=0))
+            if corners is None:
                 continue
-            evidence, _ = self._proposer.likeliest_in(fit.corners, [fit.layout])
-            self.watch.tell("weighed", fit.corners, evidence)
+            evidence, proposal = self._proposer.likeliest_in(corners)
+            self.watch.tell("weighed", corners, evidence)
             yield 1
-            if evidence > HINT and (found := (yield from self._verify(fit, evidence))):
+            if evidence > HINT and (found := (yield from self._verify(proposal, evidence))):
                 return found
         return None
 

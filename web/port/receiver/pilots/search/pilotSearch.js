@@ -11,9 +11,9 @@
  */
 
 import { receiverPilotsSearchPilotSearch } from "../../../../generated/constants.js";
-import { NEXT_FRAME } from "./proposals.js";
+import { ANY_TURN, NEXT_FRAME } from "./proposals.js";
 import { Watch } from "./watch.js";
-import { ANY_TURN, WindowSearch } from "./windowSearch.js";
+import { WindowSearch } from "./windowSearch.js";
 
 /** @typedef {import("./film.js").HeldFrame} HeldFrame */
 /** @typedef {import("./settle.js").Settled} Settled */

@@ -23,7 +23,7 @@ import { outlineRegions } from "./regions.js";
 /** @typedef {import("./watch.js").Watch} Watch */
 
 const { CELL_PX, LEAST_PX } = modelsRegion;
-export const { STRONGEST, PROMISING } = receiverPilotsSearchProposals;
+export const { STRONGEST, PROMISING, ANY_TURN } = receiverPilotsSearchProposals;
 const {
   VIEW_SIZE, CANDIDATES, LEAVING, PARTLY_SEEN, BRIGHT_PX, DARK_PX, STATES_HZ, MAPPED,
   SNAP_SHARE, SNAP_STEP_PX, EDGE_BLUR_PX, LOG_LEVELS,
@@ -195,16 +195,15 @@ export class Proposer {
    * Weigh a quadrilateral by small views of what toggles in it, step by step.
    *
    * @param {Point[]} quad
-   * @param {readonly number[]} turns - quarter turns after which it is weighed, upright and upside down
    * @param {number | null} [count] - of the frames, from the first on, in which it is followed by
    *   its own motion; null to look at all, held still as the room is, which is quicker
    * @returns {Steps<Glance>} what is surest
    */
-  *glanceSteps(quad, turns, count = null) {
+  *glanceSteps(quad, count = null) {
     const ways = [];
-    for (const turn of turns) {
+    for (const turn of ANY_TURN) {
       const values = this.#pilotsSeen(quad, turn, count);
-      ways.push(this.#surest(rolled(quad, turn), values, this.#layouts));
+      ways.push(this.#surest(rolled(quad, turn), values));
       yield GLANCE_WORK / 2;
     }
     return surestOf(ways);
@@ -231,15 +230,13 @@ export class Proposer {
   }
 
   /**
-   * Choose the side of a quadrilateral that is up by small views of one layout.
+   * Choose the layout, either side up, that is surest in small views of corners.
    *
-   * @param {Point[]} corners - in the reference frame, upright or upside down
-   * @param {Layout} layout - that may be shown
+   * @param {Point[]} corners - in the reference frame
    */
-  surestIn(corners, layout) {
+  surestIn(corners) {
     const [width, height] = this.#viewSize;
-    const values = pilotsIn(this.#watch.views(corners, width, height), [layout]);
-    return this.#surest(corners, values, [layout]);
+    return this.#surest(corners, pilotsIn(this.#watch.views(corners, width, height), this.#layouts));
   }
 
   /**
@@ -247,12 +244,11 @@ export class Proposer {
    *
    * @param {Point[]} corners - in the reference frame
    * @param {PilotsSeen} values - in the first frames
-   * @param {readonly Layout[]} layouts - those that may be shown
    * @returns {Glance}
    */
-  #surest(corners, values, layouts) {
+  #surest(corners, values) {
     const at = positions(this.#watch.frames.slice(0, values.length));
-    const ways = layouts.flatMap((layout) => [0, 2].map((half) => ({ layout, half })));
+    const ways = this.#layouts.flatMap((layout) => [0, 2].map((half) => ({ layout, half })));
     const found = ways.map(({ layout, half }, way) => {
       const shown = values.map((each) => each[way]);
       const { evidence, toggling } = findToggling(shown, layout, at, this.#watch.fps);
@@ -288,8 +284,8 @@ export class Proposer {
    * Fit every layout to a quadrilateral that may be far off.
    *
    * @param {Point[]} quad - the displayed picture's top left first
-   * @returns {Steps<Proposal | null>} what fits best after a shift from far, or null where nothing
-   *   does
+   * @returns {Steps<Point[] | null>} its corners after the shift from far that fits best, or null where
+   *   none does
    */
   *firstFit(quad) {
     const views = this.#watch.views(quad, ...COARSE_SIZE);
@@ -310,7 +306,7 @@ export class Proposer {
         yield FIT_WORK;
         if (fit === null || fit.parts <= most) continue;
         most = fit.parts;
-        best = { corners: movedCorners(quad, fit.HOldFromNew, layout), layout, toggling };
+        best = movedCorners(quad, fit.HOldFromNew, layout);
       }
     }
     return best;

@@ -18,7 +18,6 @@ import { HINT, settleSteps } from "./settle.js";
 /** @typedef {import("./settle.js").Settled} Settled */
 /** @typedef {import("./watch.js").Watch} Watch */
 
-export const { ANY_TURN } = receiverPilotsSearchWindowSearch;
 const { SURROUNDED } = receiverPilotsSearchWindowSearch;
 /** Units of work of beginning to follow what surrounds quadrilaterals. */
 const SURROUND_WORK = 10;
@@ -41,7 +40,7 @@ export class WindowSearch {
    * @param {Watch} watch - the film, of which the reference frame has come
    * @param {readonly Layout[]} layouts - those that may be shown
    * @param {RegionMapper} mapper - maps where displays toggle
-   * @param {readonly number[]} turns - quarter turns after which quadrilaterals are tried that are
+   * @param {readonly number[]} turns - quarter turns after which the pilots are fitted to what is
    *   proposed late
    * @param {boolean} isAlone - whether no other window is searched while the frames come
    */
@@ -166,9 +165,8 @@ export class WindowSearch {
    * @param {number | null} [count] - as `Watch.places` takes it; null for those that are proposed late
    */
   *#glance(quads, count = null) {
-    const turns = count === null ? this.#turns : ANY_TURN;
     for (const quad of quads) {
-      const { evidence, proposal } = yield* this.#proposer.glanceSteps(quad, turns, count);
+      const { evidence, proposal } = yield* this.#proposer.glanceSteps(quad, count);
       if (!(evidence > PROMISING)) continue;
       const found = yield* this.#weighAndSettle(proposal);
       if (found !== null) return found;
@@ -185,12 +183,12 @@ export class WindowSearch {
   *#fit(quads, turns) {
     for (const quad of quads) {
       for (const turn of turns) {
-        const fit = yield* this.#proposer.firstFit(rolled(quad, turn));
-        if (fit === null) continue;
-        const { evidence } = this.#proposer.surestIn(fit.corners, fit.layout);
+        const corners = yield* this.#proposer.firstFit(rolled(quad, turn));
+        if (corners === null) continue;
+        const { evidence, proposal } = this.#proposer.surestIn(corners);
         yield GLANCE_WORK;
         if (!(evidence > HINT)) continue;
-        const found = yield* this.#settle(fit, evidence);
+        const found = yield* this.#settle(proposal, evidence);
         if (found !== null) return found;
       }
     }
