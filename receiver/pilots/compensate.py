@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from link.types import Gray
 from receiver.pilots.stabilise import FLOW_ENDS, FLOW_PX
 
-SPACING_PX = 8
-"""Distance of the grid's points, in pixels: half of what is compared around a point, so that all of
-the image is. Chosen by hand."""
+SPACING_PX = 12
+"""Distance of the grid's points, in pixels: less than the width of what is compared around a point
+(`FLOW_PX`), so that all of the image is. Chosen by hand: with 8, evidence is some 5 % larger, and
+the work twice as large."""
 HALVINGS = 2
 """Number of times that frames are halved, so that points are found that have moved far: motions of
 about 30 pixels are then within sight. Chosen by hand."""
