@@ -187,7 +187,7 @@ class Receiver:
             seen = tracker.follow(image, time)
             if seen is None:
                 continue
-            if tracker is followed and self._judge.has_stopped(seen, self._seen.toggles):
+            if tracker is followed and self._judge.has_stopped(seen, self._seen):
                 tracker.lose()
                 continue
             elsewhere = in_vain and seen.anew

@@ -1,12 +1,19 @@
 """Say whether a display that is followed is one still: whether it toggles, and can be read."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
+import cv2
+import numpy as np
+
+from link.images import as_gray
 from link.layout import Layout
+from link.pilots import pilot_values
 from link.types import Real
+from receiver.pilots.compensate import Compensator
+from receiver.pilots.motion import map_size
 from receiver.pilots.toggling import find_toggling
 from receiver.pilots.waves import position
-from receiver.seen import SeenFrame
+from receiver.seen import SeenFrame, SeenFrames
 
 WATCHED = 48
 """Number of frames over which the pilots of a followed display are watched."""
@@ -46,20 +53,40 @@ class Judge:
         self._read = time, frames, decoded
         self._missed = 0
 
-    def has_stopped(self, frame: SeenFrame, toggles: Iterable[tuple[float, Real]]) -> bool:
+    def has_stopped(self, frame: SeenFrame, before: SeenFrames) -> bool:
         """Look at the pilots from time to time, and tell whether they toggle no more.
+
+        Where a picture moves, they may be seen only in what is left of the frames once what has
+        only moved is taken off.
 
         Args:
             frame: the next frame in which the display is followed.
-            toggles: `receiver.seen.SeenFrames.toggles` of the frames before.
+            before: the frames before.
         """
         if not self._layout.pilots or frame.followed % CHECK_EVERY or frame.followed < WATCHED:
             return False
-        watched = [*list(toggles)[1 - WATCHED :], (frame.time, frame.toggles)]
-        at = [position(time - self._start, self._fps) for time, _ in watched]
-        evidence, _ = find_toggling([each for _, each in watched], self._layout, at, self._fps)
-        self._missed = 0 if evidence >= LEAST_EVIDENCE else self._missed + 1
+        toggles = [*list(before.toggles)[1 - WATCHED :], (frame.time, frame.toggles)]
+        toggle = self._toggle(toggles) or self._toggle(self._left([*before.whole, frame]))
+        self._missed = 0 if toggle else self._missed + 1
         return self._missed >= (PATIENCE if frame.followed > WATCHED else 1)
+
+    def _toggle(self, toggles: Sequence[tuple[float, Real]]) -> bool:
+        """Tell whether the values of pilots at some times, in seconds, toggle; not by a few."""
+        if len(toggles) < CHECK_EVERY:
+            return False
+        at = [position(time - self._start, self._fps) for time, _ in toggles]
+        evidence, _ = find_toggling([each for _, each in toggles], self._layout, at, self._fps)
+        return evidence >= LEAST_EVIDENCE
+
+    def _left(self, frames: Sequence[SeenFrame]) -> list[tuple[float, Real]]:
+        """Measure the pilots in what is left of frames beyond motion, at the frames' times."""
+        compensator, size = Compensator(self._fps), map_size(self._layout)
+        left = []
+        for frame in frames[-WATCHED:]:
+            gray = cv2.resize(as_gray(frame.rectified), size, interpolation=cv2.INTER_AREA)
+            changes = compensator.take(np.asarray(gray, np.uint8))
+            left.append((frame.time, pilot_values(changes, self._layout)))
+        return left[1:]  # nothing comes before the first one
 
     def is_read_in_vain(self, time: float, frames: int, decoded: int, *, reads: bool) -> bool:
         """Tell whether the display has been followed for long without anything to read.

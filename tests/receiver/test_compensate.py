@@ -1,11 +1,16 @@
 """What has only moved is taken off frames, and what toggles is left."""
 
+import cv2
 import numpy as np
 import pytest
 from pilot_films import texture
 
+from link.pilots import pilot_signs
+from link.presets import PRESETS
 from link.types import Array, Image
 from receiver.pilots.compensate import NOTHING, STEPS, Compensator
+from receiver.seen import SeenFrame, SeenFrames
+from receiver.tracking.judge import WATCHED, Judge
 
 BLOCKS = 12, 16
 """Rows and columns of blocks of 16 x 16 pixels."""
@@ -61,3 +66,23 @@ def test_frames_of_quick_cameras_are_compared_over_the_same_time() -> None:
         True,
         True,
     ]
+
+
+@pytest.mark.parametrize("levels", [3.0, 0.0])
+def test_a_display_whose_picture_moves_is_judged_by_what_is_left(levels: float) -> None:
+    """It toggles in every frame, or not at all; its picture alone says nothing of either."""
+    layout = PRESETS["robust"].layout
+    blocks = np.zeros(layout.rows * layout.cols)
+    blocks[layout.pilot_blocks] = levels * pilot_signs(layout)
+    size, grid = (layout.width, layout.height), blocks.reshape(layout.rows, layout.cols)
+    signs = cv2.resize(grid, size, interpolation=cv2.INTER_NEAREST)
+    wide = 120 + 40 * texture((layout.height, layout.width + 9 * WATCHED), 3, sigma=6)
+    before, corners = SeenFrames(), layout.corners
+    for number in range(WATCHED):
+        shown = wide[:, 9 * number : 9 * number + layout.width] + (-1) ** number * signs
+        rectified = np.uint8(np.clip(shown, 0, 255).round())
+        frame = SeenFrame(layout, number / 30, corners, rectified, followed=number + 1)
+        if number < WATCHED - 1:
+            before.add(frame)
+    judge = Judge(layout, 30.0, 0.0, 0, 0)
+    assert judge.has_stopped(frame, before) == (levels == 0)

@@ -1,8 +1,10 @@
 /** Find a display by its pilots, follow it, and notice when it is no longer the display. */
 
 import { receiverTrackingJudge, receiverTrackingPilots } from "../../../generated/constants.js";
+import { resizeArea } from "../../image/shrink.js";
 import { identity, multiply3 } from "../../link/linear.js";
-import { movedCorners } from "../pilots/motion.js";
+import { Compensator } from "../pilots/compensate.js";
+import { mapSize, movedCorners } from "../pilots/motion.js";
 import { PilotSearch } from "../pilots/search/pilotSearch.js";
 import { pilotValues } from "../../link/pilots.js";
 import { findToggling } from "../pilots/toggling.js";
@@ -34,10 +36,11 @@ export class PilotTracker {
   #follower;
   /** @type {Homography} */
   #HFollowedFromShown = identity(3);
-  /** @type {Float32Array[]} */
-  #values = [];
-  /** Positions of the frames with these values, since `#start`. @type {number[]} */
-  #at = [];
+  /**
+   * The newest frames: their positions since `#start`, the display, and the values of its pilots.
+   * @type {{ at: number, rectified: BytePlane, values: Float32Array }[]}
+   */
+  #watched = [];
   #start = 0;
   #count = 0;
   #missed = 0;
@@ -109,8 +112,7 @@ export class PilotTracker {
     if (found === null) return null;
     this.#follower = new Follower(found.layout, found.k, found.pictureMoves);
     this.#HFollowedFromShown = identity(3);
-    this.#values = [];
-    this.#at = [];
+    this.#watched = [];
     this.#start = time;
     this.#count = this.#missed = 0;
     const tracked = this.#accept(image, found.corners, true);
@@ -157,23 +159,43 @@ export class PilotTracker {
   }
 
   /**
-   * Look at the pilots from time to time, and tell whether they are still seen.
+   * Look at the pilots from time to time, and tell whether they are still seen. Where a picture moves,
+   * they may be seen only in what is left of the frames once what has only moved is taken off.
    *
    * @param {Tracked} tracked
    * @param {number} time
    */
-  #stillThere(tracked, time) {
-    const { layout } = this;
-    this.#values.push(pilotValues(tracked.rectified, layout));
-    this.#at.push(position(time - this.#start, this.fps));
-    if (this.#values.length > WATCHED) {
-      this.#values.shift();
-      this.#at.shift();
-    }
+  #stillThere({ rectified }, time) {
+    const at = position(time - this.#start, this.fps);
+    this.#watched.push({ at, rectified, values: pilotValues(rectified, this.layout) });
+    if (this.#watched.length > WATCHED) this.#watched.shift();
     this.#count++;
-    if (this.#count % CHECK_EVERY !== 0 || this.#values.length < WATCHED) return true;
-    const { evidence } = findToggling(this.#values, layout, this.#at, this.fps);
-    this.#missed = evidence >= LEAST_EVIDENCE ? 0 : this.#missed + 1;
+    if (this.#count % CHECK_EVERY !== 0 || this.#watched.length < WATCHED) return true;
+    const places = this.#watched.map((each) => each.at);
+    const isSeen =
+      this.#toggle(this.#watched.map(({ values }) => values), places) ||
+      this.#toggle(this.#left(), places.slice(1));
+    this.#missed = isSeen ? 0 : this.#missed + 1;
     return this.#missed < (this.#count > WATCHED ? PATIENCE : 1);
+  }
+
+  /**
+   * Tell whether values of the pilots toggle.
+   *
+   * @param {Float32Array[]} values
+   * @param {number[]} at - positions of their frames
+   */
+  #toggle(values, at) {
+    return findToggling(values, this.layout, at, this.fps).evidence >= LEAST_EVIDENCE;
+  }
+
+  /** Measure the pilots in what is left of frames beyond motion, but for the first one. */
+  #left() {
+    const compensator = new Compensator(this.fps);
+    const [width, height] = mapSize(this.layout);
+    const left = this.#watched.map(({ rectified }) =>
+      pilotValues(compensator.take(resizeArea(rectified, width, height)), this.layout),
+    );
+    return left.slice(1);
   }
 }
