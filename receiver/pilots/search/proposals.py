@@ -164,37 +164,29 @@ class Proposer:
         log_odds = shipped_region_graph().log_odds(stills)
         yield 1
         outlines = [CELL_PX * outline - 0.5 for outline in outline_regions(log_odds)]
-        yield 1
         quads = upright(np.reshape(outlines, (-1, 4, 2)))  # (N, 4, 2), N may be 0
         return [self._watch.on_image(quad) for quad in quads]
 
-    def snapped(self, regions: Sequence[Array]) -> Steps[list[Array]]:
-        """Move the sides of regions to edges: to those that are seen, and to those of what changes.
+    def snapped(self, region: Array) -> Steps[list[Array]]:
+        """Move the sides of a region to edges that are seen, and to those of what changes.
 
         A picture that moves changes up to its border, even where it is as dark as what is around
         it.
 
         Args:
-            regions: as `regions` proposes them.
+            region: (4, 2) pixels of the reference, as `regions` proposes it.
 
         Returns:
-            two for each region, (4, 2) pixels of the reference.
+            two quadrilaterals, (4, 2) pixels of the reference.
         """
-        if not regions:
-            return []
-        stills, found = self._watch.stills.frames[-MAPPED:], []
-        images = [
-            cv2.GaussianBlur(levels, (0, 0), EDGE_BLUR_PX).astype(np.float32)
-            for levels in (stills[0], change_levels(stills))
-        ]
+        stills, quad = self._watch.stills.frames[-MAPPED:], self._watch.on_copy(region)
+        size = float(np.sqrt(cv2.contourArea(np.float32(quad))))
+        reach = SNAP_STEP_PX * max(1, round(SNAP_SHARE * size / SNAP_STEP_PX))
+        found = []
+        for levels in (stills[0], change_levels(stills)):
+            smooth = cv2.GaussianBlur(levels, (0, 0), EDGE_BLUR_PX).astype(np.float32)
+            found.append(self._watch.on_image(snap_to_edges(smooth, quad[None], reach)[0]))
         yield 1
-        for region in regions:
-            quad = self._watch.on_copy(region)[None]
-            size = float(np.sqrt(cv2.contourArea(np.float32(quad))))
-            reach = SNAP_STEP_PX * max(1, round(SNAP_SHARE * size / SNAP_STEP_PX))
-            for image in images:
-                found.append(self._watch.on_image(snap_to_edges(image, quad, reach)[0]))
-            yield 1
         return found
 
     def faint_edges(self) -> Iterator[list[Array]]:

@@ -121,7 +121,7 @@ class WindowSearch:
         if found := (yield from self._weigh_coarsely(next(faint))):
             return found
         regions = yield from self._proposer.regions()
-        snapped = yield from self._proposer.snapped(regions)
+        snapped = (yield from self._proposer.snapped(regions[0])) if regions else []
         if found := (yield from self._weigh_coarsely([*snapped, *regions])):
             return found
         if found := (yield from self._fit(regions[:1], turns)):

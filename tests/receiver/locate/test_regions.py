@@ -120,7 +120,7 @@ def test_regions_snap_to_edges_that_are_seen_and_to_those_of_what_changes(is_see
     for frame in frames:
         watch.stills.add(frame)
     rough = corners + rng.uniform(-9, 9, (4, 2))
-    by_sight, by_change = run_to_end(Proposer(watch, [PRESETS["robust"].layout]).snapped([rough]))
+    by_sight, by_change = run_to_end(Proposer(watch, [PRESETS["robust"].layout]).snapped(rough))
     assert off(by_sight if is_seen else by_change, corners) < SNAPPED_PX < off(rough, corners)
 
 

@@ -38,8 +38,7 @@ const FIT_WORK = 4;
 const ROUGH_WORK = 2;
 /** Units of work of outlining what a map shows. */
 const OUTLINE_WORK = 8;
-/** Units of work of an image of changes, and of moving the sides of a region to edges. */
-const CHANGES_WORK = 15;
+/** Units of work of moving the sides of a region to edges. */
 const SNAP_WORK = 12;
 
 /**
@@ -166,27 +165,21 @@ export class Proposer {
   }
 
   /**
-   * Move the sides of regions to edges: to those that are seen, and to those of what changes. A picture
+   * Move the sides of a region to edges: to those that are seen, and to those of what changes. A picture
    * that moves changes up to its border, even where it is as dark as what is around it.
    *
-   * @param {readonly Point[][]} regions - as `regions` proposes them
-   * @returns {Steps<Point[][]>} two for each region
+   * @param {Point[]} region - as `regions` proposes it
+   * @returns {Steps<Point[][]>} two quadrilaterals
    */
-  *snapped(regions) {
+  *snapped(region) {
+    const stills = this.#watch.stills.frames.slice(-MAPPED);
+    const quad = this.#watch.onCopy(region);
+    const steps = roundHalfEven((SNAP_SHARE * Math.sqrt(contourArea(quad))) / SNAP_STEP_PX);
+    const reach = SNAP_STEP_PX * Math.max(1, steps);
     const found = [];
-    if (regions.length > 0) {
-      const stills = this.#watch.stills.frames.slice(-MAPPED);
-      const images = [stills[0], changeLevels(stills)].map((each) => blurred(each, EDGE_BLUR_PX));
-      yield CHANGES_WORK;
-      for (const region of regions) {
-        const quad = this.#watch.onCopy(region);
-        const steps = roundHalfEven((SNAP_SHARE * Math.sqrt(contourArea(quad))) / SNAP_STEP_PX);
-        const reach = SNAP_STEP_PX * Math.max(1, steps);
-        for (const image of images) {
-          found.push(this.#watch.onImage(snapToEdges(image, quad, reach)));
-          yield SNAP_WORK;
-        }
-      }
+    for (const levels of [stills[0], changeLevels(stills)]) {
+      yield SNAP_WORK;
+      found.push(this.#watch.onImage(snapToEdges(blurred(levels, EDGE_BLUR_PX), quad, reach)));
     }
     return found;
   }

@@ -146,7 +146,7 @@ export class WindowSearch {
     const early = yield* this.#glance(yield* faint);
     if (early !== null) return early;
     const regions = yield* this.#proposer.regions();
-    const snapped = yield* this.#proposer.snapped(regions);
+    const snapped = regions.length > 0 ? yield* this.#proposer.snapped(regions[0]) : [];
     const bounded =
       (yield* this.#glance([...snapped, ...regions])) ??
       (yield* this.#fit(regions.slice(0, 1), this.#everyTurn));
