@@ -14,21 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.types import Gray
-from receiver.pilots.stabilise import FLOW_ENDS, FLOW_PX
+from receiver.pilots.stabilise import found_again
 
 SPACING_PX = 12
-"""Distance of the grid's points, in pixels: less than the width of what is compared around a point
-(`FLOW_PX`), so that all of the image is. Chosen by hand: with 8, evidence is some 5 % larger, and
-the work twice as large."""
-HALVINGS = 2
-"""Number of times that frames are halved, so that points are found that have moved far: motions of
-about 30 pixels are then within sight. Chosen by hand."""
+"""Distance of the grid's points, in pixels: less than the width of what is compared around a point,
+`receiver.pilots.stabilise.FLOW_PX`, so that all of the image is. Chosen by hand: with 8, evidence
+is some 5 % larger, and the work twice as large."""
 EARLIER_S = 1 / 30
 """Time, in seconds, from the earlier frame to the one that is compared with it, at least one frame:
 most displays show another state by then, and most things have moved little. Chosen by hand."""
 NOTHING, STEPS = 128, 4
-"""Level of an image of changes where nothing is left, and its levels for a gray level that is left:
-so 32 gray levels either way fit into 8 bits, and less than what toggles is told apart."""
+"""Level of an image of changes where nothing is left, and number of its levels for each gray level
+that is left. So 32 gray levels either way fit into 8 bits, and small views of the image, which are
+rounded to its levels, keep quarters of a gray level. Chosen by hand."""
 
 
 class Compensator:
@@ -67,18 +65,10 @@ class Compensator:
 def moved_onto(gray: Gray, earlier: Gray) -> Gray:
     """Move the parts of an earlier frame to where they lie in a frame; both are (h, w) uint8."""
     height, width = gray.shape
-    points = _grid(width, height)
-    found, status, _ = cv2.calcOpticalFlowPyrLK(
-        gray,
-        earlier,
-        points.reshape(-1, 1, 2),  # (rows, cols, 2) -> (rows * cols, 1, 2)
-        None,
-        winSize=(FLOW_PX, FLOW_PX),
-        maxLevel=HALVINGS,
-        criteria=FLOW_ENDS,
-    )
-    found = np.where(status[:, :, None] == 1, found, points.reshape(-1, 1, 2))
-    motion = found.reshape(points.shape) - points
+    grid = _grid(width, height)
+    points = grid.reshape(-1, 1, 2)  # (rows, cols, 2) -> (rows * cols, 1, 2)
+    moved, is_found = found_again(gray, earlier, points, points)
+    motion = np.where(is_found[:, None, None], moved - points, 0).reshape(grid.shape)
     x, y = cv2.split(cv2.resize(motion, (width, height)))
     return np.asarray(
         cv2.remap(

@@ -25,6 +25,9 @@ pixels. Chosen by hand."""
 FLOW_PX = 15
 """Width and height, in pixels of the copies, of what is compared around a point; OpenCV takes 21
 unless told otherwise, and fewer cost less. Chosen by hand."""
+HALVINGS = 2
+"""Number of times that copies are halved, so that points are found that have moved far: motions of
+about 30 pixels are then within sight. Chosen by hand."""
 FLOW_ENDS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 5, 0.03)
 """When a point on a copy counts as found, as OpenCV takes it: after five steps, or one of 0.03 px.
 Corners then lie within 0.2 px of where its own 30 steps and 0.01 px put them, in half the time."""
@@ -95,8 +98,7 @@ class Stabiliser:
         height, width = self._shape = gray.shape
         self._reference = small_gray(gray)
         x, y = width / self._reference.shape[1], height / self._reference.shape[0]
-        self.H_image_from_copy = resized_homography(x, y)
-        """Homography from pixels of a copy to those of its frame."""
+        self._H_image_from_copy = resized_homography(x, y)
         self._points = _clear_points(self._reference, FAINT if far_apart else CLEAR)
         self._guess = self._points.copy()
 
@@ -112,17 +114,7 @@ class Stabiliser:
         if len(self._points) < MIN_POINTS or gray.shape != self._shape:
             return None
         small = small_gray(gray)
-        moved, status, _ = cv2.calcOpticalFlowPyrLK(
-            self._reference,
-            small,
-            self._points,
-            self._guess.copy(),
-            winSize=(FLOW_PX, FLOW_PX),
-            maxLevel=2,
-            criteria=FLOW_ENDS,
-            flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-        )
-        good = status[:, 0] == 1
+        moved, good = found_again(self._reference, small, self._points, self._guess)
         if good.sum() < MIN_POINTS:
             return None
         motions = _motions(self._points[good], moved[good], 2 if self._far_apart else 1, SAME_PX)
@@ -131,29 +123,29 @@ class Stabiliser:
         self.tracks = None if self._far_apart else self._tracks(self._points[good], moved[good])
         H, _ = max(motions, key=lambda motion: _area(motion[1]))
         self._guess = np.asarray(cv2.perspectiveTransform(self._points, H), np.float32)
-        return np.asarray(self.H_image_from_copy @ H @ np.linalg.inv(self.H_image_from_copy))
+        return np.asarray(self._H_image_from_copy @ H @ np.linalg.inv(self._H_image_from_copy))
 
     def _tracks(self, before: NDArray[np.float32], after: NDArray[np.float32]) -> Tracks:
         """Move points (n, 1, 2) of both copies to the images."""
-        grow = self.H_image_from_copy
+        grow = self._H_image_from_copy
         on_images = (cv2.perspectiveTransform(points, grow) for points in (before, after))
         one, other = (np.asarray(points, np.float32) for points in on_images)
         return Tracks(one, other, SAME_PX * float(grow[0, 0]))
 
     def still(self, copy: Gray, H_image_from_reference: Array) -> Gray:
         """Move the copy of a frame onto the reference's."""
-        grow = self.H_image_from_copy
+        grow = self._H_image_from_copy
         H = np.linalg.inv(grow) @ H_image_from_reference @ grow
         return resampled(copy, H, copy.shape[1], copy.shape[0])
 
     def on_copy(self, points: Array) -> Array:
         """Move (N, 2) points from the image to the copy."""
-        H = np.linalg.inv(self.H_image_from_copy)
+        H = np.linalg.inv(self._H_image_from_copy)
         return np.asarray(cv2.perspectiveTransform(points[:, None], H)[:, 0])
 
     def on_image(self, points: Array) -> Array:
         """Move (N, 2) points from the copy to the image."""
-        return np.asarray(cv2.perspectiveTransform(points[:, None], self.H_image_from_copy)[:, 0])
+        return np.asarray(cv2.perspectiveTransform(points[:, None], self._H_image_from_copy)[:, 0])
 
 
 def _outside(quad: Array, x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -223,6 +215,33 @@ def _motions(
 def _area(points: NDArray[np.float32]) -> float:
     """Area, in square pixels, of the smallest convex region that holds (n, 1, 2) points."""
     return float(cv2.contourArea(cv2.convexHull(points)))
+
+
+def found_again(
+    reference: Gray, copy: Gray, points: NDArray[np.float32], guess: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Find points of one copy in another by optical flow.
+
+    Args:
+        reference: (h, w) uint8, the copy that has the points.
+        copy: (h, w) uint8, the copy in which they are looked for.
+        points: (n, 1, 2) pixels of ``reference``.
+        guess: (n, 1, 2) pixels of ``copy`` near which they may be.
+
+    Returns:
+        (n, 1, 2) pixels of ``copy``, and which of the points (n,) were found there.
+    """
+    moved, status, _ = cv2.calcOpticalFlowPyrLK(
+        reference,
+        copy,
+        points,
+        guess.copy(),
+        winSize=(FLOW_PX, FLOW_PX),
+        maxLevel=HALVINGS,
+        criteria=FLOW_ENDS,
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+    )
+    return np.asarray(moved, np.float32), np.asarray(status[:, 0] == 1)
 
 
 def small_gray(gray: Gray) -> Gray:

@@ -61,8 +61,9 @@ class HeldFrame:
     pictures may move."""
     surrounded: tuple["Surrounded", ...] = ()
     """Quadrilaterals that are followed by what lies around them, too, with where they lie here."""
-    changes: "Changes | None" = None
-    """What the frame shows beyond what has moved; None to look at the frame itself."""
+    changes: Gray | None = None
+    """What a small copy of the frame shows beyond what has moved, as
+    `receiver.pilots.compensate.Compensator` returns it; None to look at the frame itself."""
 
     def corners(self, corners: Corners) -> Corners:
         """Find where a display lies.
@@ -114,10 +115,10 @@ class HeldFrame:
         return np.asarray(cv2.resize(fine, maps.size, interpolation=cv2.INTER_AREA), np.uint8)
 
     def _rectified(self, H: Homography, width: int, height: int) -> Gray:
-        """Rectify the frame, or what it shows beyond what has moved."""
-        if self.changes is None:
-            return rectify(self.gray, H, width, height)
-        return rectify(self.changes.image, self.changes.H_changes_from_image @ H, width, height)
+        """Rectify the frame, or what it shows beyond what has moved; H leads to its pixels."""
+        shown = self.gray if self.changes is None else self.changes
+        y, x = np.divide(shown.shape, self.gray.shape)
+        return rectify(shown, resized_homography(x, y) @ H, width, height)
 
     def _homography(self, corners: Array, layout: Layout) -> Homography | None:
         """Find where pixels of a display lie here; None where its corners are not sound."""
@@ -130,16 +131,6 @@ class HeldFrame:
         if not cv2.isContourConvex(outline) or cv2.contourArea(outline) < least:
             return None
         return homography_from_corners(quad, layout.width, layout.height)
-
-
-@dataclass(frozen=True, eq=False)
-class Changes:
-    """What a frame shows beyond what has moved since an earlier one."""
-
-    image: Gray
-    """What `receiver.pilots.compensate.Compensator` returns for a small copy of the frame."""
-    H_changes_from_image: Homography
-    """Homography from pixels of the frame to those of ``image``."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,13 +9,7 @@ from link.geometry import in_image, transform
 from link.images import as_gray
 from link.types import Array, Corners, Gray, Homography, Image
 from receiver.pilots.compensate import Compensator
-from receiver.pilots.search.film import (
-    Changes,
-    HeldFrame,
-    MovingOutline,
-    Surrounded,
-    surroundings_of,
-)
+from receiver.pilots.search.film import HeldFrame, MovingOutline, Surrounded, surroundings_of
 from receiver.pilots.search.stills import Stills
 from receiver.pilots.stabilise import Stabiliser, Tracks, small_gray
 from receiver.pilots.waves import position
@@ -88,7 +82,7 @@ class Watch:
         self._stabiliser = Stabiliser(gray, far_apart=picture_moves)
         self.on_copy, self.on_image = self._stabiliser.on_copy, self._stabiliser.on_image
         self._compensator = Compensator(fps) if picture_moves else None
-        self.first = HeldFrame(gray, np.eye(3), 0.0, time, changes=self._changes(small_gray(gray)))
+        self.first = HeldFrame(gray, np.eye(3), 0.0, time, changes=self._changes(gray))
         """The reference as a frame."""
         usual = int(np.clip(round(WINDOW_S * fps), LEAST_WINDOW, MOST_WINDOW))
         self.window, self.soon = longer * usual, usual // 2
@@ -143,23 +137,24 @@ class Watch:
         if surrounded is None:
             surrounded = self._surrounded(gray, tracks)
         at = position(time - self.first.time, self.fps)
-        frame = HeldFrame(gray, H, at, time, tracks, surrounded, self._changes(small_gray(gray)))
+        frame = HeldFrame(gray, H, at, time, tracks, surrounded, self._changes(gray))
         for each in (frame,) if self._kept else (self.first, frame):  # now the film holds still
             self._kept.append(each)
             if len(self._kept) <= self.window:
-                seen = [small_gray(each.gray)] + ([each.changes.image] if each.changes else [])
-                held = [self._stabiliser.still(copy, each.H_image_from_reference) for copy in seen]
-                self.stills.add(*held)
+                self._add_still(each)
         if len(self._kept) > self.window + max(self._held, self.confirming):
             del self._kept[self.window]
         return True
 
-    def _changes(self, copy: Gray) -> Changes | None:
-        """Find what the copy of the next frame shows beyond what has moved, where it matters."""
-        if self._compensator is None:
-            return None
-        H_changes_from_image = np.asarray(np.linalg.inv(self._stabiliser.H_image_from_copy))
-        return Changes(self._compensator.take(copy), H_changes_from_image)
+    def _add_still(self, frame: HeldFrame) -> None:
+        """Move small copies of a frame, and of its changes if any, to where the reference lies."""
+        H, still = frame.H_image_from_reference, self._stabiliser.still
+        changes = None if frame.changes is None else still(frame.changes, H)
+        self.stills.add(still(small_gray(frame.gray), H), changes)
+
+    def _changes(self, gray: Gray) -> Gray | None:
+        """Find what the next frame shows beyond what has moved; None where pictures stand still."""
+        return None if self._compensator is None else self._compensator.take(small_gray(gray))
 
     def _shows_enough(self, H_image_from_reference: Homography | None) -> bool:
         """Tell whether a frame, held still so, shows enough of the reference."""

@@ -5,14 +5,13 @@
 
 import { receiverPilotsCompensate } from "../../../generated/constants.js";
 import { planeLike } from "../../image/opencv.js";
-import { follow } from "../../image/points.js";
 import { roundHalfEven } from "../../image/round.js";
 import { remapped, warpedFloats } from "../../image/warp.js";
 import { resizedHomography } from "../../link/geometry.js";
 import { inverse } from "../../link/linear.js";
-import { FLOW_ENDS, FLOW_PX } from "./stabilise.js";
+import { foundAgain } from "./stabilise.js";
 
-const { SPACING_PX, EARLIER_S, NOTHING, STEPS, HALVINGS } = receiverPilotsCompensate;
+const { SPACING_PX, EARLIER_S, NOTHING, STEPS } = receiverPilotsCompensate;
 
 /** Compares frames with earlier ones whose parts are moved to where they now lie. */
 export class Compensator {
@@ -60,7 +59,7 @@ function movedOnto(gray, earlier) {
     const point = i >> 1;
     return i % 2 === 0 ? scaleX * (point % cols) + left : scaleY * Math.floor(point / cols) + top;
   });
-  const { moved, found } = follow(gray, earlier, points, FLOW_PX, HALVINGS, null, FLOW_ENDS.slice(1));
+  const { moved, found } = foundAgain(gray, earlier, points);
   const places = [0, 1].map((axis) => {
     const motion = Float32Array.from(found, (isFound, i) =>
       isFound ? moved[2 * i + axis] - points[2 * i + axis] : 0,

@@ -10,8 +10,8 @@ import { warped } from "../../image/warp.js";
 import { contourArea, resizedHomography, transform } from "../../link/geometry.js";
 import { inverse, multiply3 } from "../../link/linear.js";
 
-export const {
-  WIDTH, POINTS, MIN_POINTS, CLEAR, FAINT, APART_PX, FLOW_PX, FLOW_ENDS, SAME_PX,
+const {
+  WIDTH, POINTS, MIN_POINTS, CLEAR, FAINT, APART_PX, FLOW_PX, FLOW_ENDS, HALVINGS, SAME_PX,
   PARTS, AGREEING, SPREAD, TRIES, TRIES_WITHIN,
 } = receiverPilotsStabilise;
 
@@ -100,7 +100,9 @@ export class Stabiliser {
     if (gray.width !== this.#size[0] || gray.height !== this.#size[1]) return null;
     this.#last = null;
     const small = this.copyOf(gray);
-    const { before, after } = foundAgain(this.reference, small, this.#points, this.#guess);
+    const { moved, found } = foundAgain(this.reference, small, this.#points, this.#guess);
+    const isFound = (/** @type {number} */ i) => found[i];
+    const [before, after] = [this.#points, moved].map((points) => chosen(points, isFound));
     const motions = motionsOf(before, after, this.#farApart ? 2 : 1, SAME_PX);
     if (motions.length === 0) return null;
     const { H } = motions.reduce((best, each) => (each.area > best.area ? each : best));
@@ -192,18 +194,15 @@ function clearPoints(plane, least) {
 }
 
 /**
- * Find points of one image in another by optical flow.
+ * Find points of one copy in another by optical flow.
  *
  * @param {BytePlane} reference
- * @param {BytePlane} small
+ * @param {BytePlane} copy
  * @param {Float32Array} points - of the reference, x and y in turn
- * @param {Float32Array} guess - where they may be
- * @returns {{ before: Float32Array, after: Float32Array }} points that were found, in both images
+ * @param {Float32Array | null} [guess] - where they may be; where they were, where absent
  */
-function foundAgain(reference, small, points, guess) {
-  const { moved, found } = follow(reference, small, points, FLOW_PX, 2, guess, FLOW_ENDS.slice(1));
-  const isFound = (/** @type {number} */ i) => found[i];
-  return { before: chosen(points, isFound), after: chosen(moved, isFound) };
+export function foundAgain(reference, copy, points, guess = null) {
+  return follow(reference, copy, points, FLOW_PX, HALVINGS, guess, FLOW_ENDS.slice(1));
 }
 
 /**

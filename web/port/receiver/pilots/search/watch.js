@@ -154,14 +154,16 @@ export class Watch {
   /** Watch a frame. @param {HeldFrame} frame */
   #add(frame) {
     this.frames.push(frame);
-    const [still, shown] = [this.#stabiliser.copyOf(frame.gray), frame.changes].map((copy) =>
-      copy === null ? undefined : this.#stabiliser.still(copy, frame.HFrameFromReference),
+    const still = (/** @type {BytePlane} */ copy) =>
+      this.#stabiliser.still(copy, frame.HFrameFromReference);
+    this.stills.add(
+      still(this.#stabiliser.copyOf(frame.gray)), frame.changes ? still(frame.changes) : undefined,
     );
-    this.stills.add(/** @type {BytePlane} */ (still), shown);
   }
 
   /**
-   * Find what the copy of the next frame shows beyond what has moved, where it matters.
+   * Find what a small copy of the next frame shows beyond what has moved; null where pictures stand
+   * still.
    *
    * @param {BytePlane} gray
    */

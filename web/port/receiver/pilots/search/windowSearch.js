@@ -223,7 +223,6 @@ export class WindowSearch {
    */
   *#goOn(settling) {
     for (;;) {
-      this.isSettling = true;
       const step = settling.next();
       this.isSettling = !step.done && step.value !== NEXT_FRAME;
       if (step.done) {
