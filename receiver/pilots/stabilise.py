@@ -95,7 +95,7 @@ class Stabiliser:
         self.tracks: Tracks | None = None
         """Points found again in the last frame; None where pictures in it may move."""
         self._far_apart = far_apart
-        height, width = self._shape = gray.shape
+        height, width = gray.shape
         self._reference = small_gray(gray)
         x, y = width / self._reference.shape[1], height / self._reference.shape[0]
         self._H_image_from_copy = resized_homography(x, y)
@@ -106,12 +106,12 @@ class Stabiliser:
         """Find the (3, 3) homography from pixels of the reference to pixels of a later frame.
 
         Args:
-            gray: (H, W) uint8.
+            gray: (H, W) uint8, of the reference's size.
 
         Returns:
             None where the reference's points are lost.
         """
-        if len(self._points) < MIN_POINTS or gray.shape != self._shape:
+        if len(self._points) < MIN_POINTS:
             return None
         small = small_gray(gray)
         moved, good = found_again(self._reference, small, self._points, self._guess)

@@ -284,4 +284,3 @@ def test_frames_are_held_still(port: Port) -> None:
     same(stabiliser.on_copy(points), places, within.FLOAT64)
     same(ported.onImage(places), points, within.FLOAT64)
     same(ported.onCopy(points.tolist()), places, within.FLOAT64)
-    assert ported.follow(np.zeros((3, 4), np.uint8)) is None

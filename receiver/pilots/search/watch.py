@@ -92,7 +92,7 @@ class Watch:
         self._kept: list[HeldFrame] = []  # those watched, and the newest after them
         self._held = max(LEAST_HELD, round(HELD_S * fps))
         self.stills = Stills()
-        """Map of the places that toggle in the frames watched."""
+        """Small copies of the frames watched, held still."""
         self.fps = fps
         self._own: dict[tuple[bytes, bool], list[Array]] = {}
         self._outlines: list[MovingOutline] = []
@@ -121,12 +121,14 @@ class Watch:
         """Hold the next frame still, and keep it where it still shows enough of the reference.
 
         Args:
-            gray: the frame, of the reference's size.
+            gray: the frame.
             time: when it was taken, seconds.
 
         Returns:
-            whether it does.
+            whether it does, which a frame of another size does not.
         """
+        if gray.shape != self.first.gray.shape:
+            return False
         H, tracks = self._stabiliser.follow(gray), self._stabiliser.tracks
         surrounded: tuple[Surrounded, ...] | None = None
         if not self._shows_enough(H):  # a cut in the picture has taken the points along, or a pan
@@ -187,7 +189,7 @@ class Watch:
         return tuple(each for each in found if each is not None)
 
     def places(self, corners: Corners, count: int | None = None) -> list[Array]:
-        """Find where corners in the reference lie, (4, 2) pixels of the map.
+        """Find where corners in the reference lie, (4, 2) pixels of the stills.
 
         Args:
             corners: pixels of the reference.

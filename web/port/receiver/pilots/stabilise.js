@@ -55,8 +55,6 @@ export class Tracks {
  * may have more points than the room. Then those points count that lie farther apart.
  */
 export class Stabiliser {
-  /** Width and height of the frames. */
-  #size;
   /** Points of the reference, and where they may be in the next frame: x and y in turn. */
   #points;
   #guess;
@@ -82,7 +80,6 @@ export class Stabiliser {
     const reference = this.copyOf(gray);
     /** Copy of the reference. */
     this.reference = reference;
-    this.#size = [width, height];
     this.#HImageFromCopy = resizedHomography(width / reference.width, height / reference.height);
     this.#farApart = farApart;
     this.#points = clearPoints(reference, farApart ? FAINT : CLEAR);
@@ -92,12 +89,11 @@ export class Stabiliser {
   /**
    * Find the homography from pixels of the reference to pixels of a later frame.
    *
-   * @param {BytePlane} gray
+   * @param {BytePlane} gray - of the reference's size
    * @returns {Float64Array | null} nine numbers; null where the reference's points are lost
    */
   follow(gray) {
     if (this.#points.length < 2 * MIN_POINTS) return null;
-    if (gray.width !== this.#size[0] || gray.height !== this.#size[1]) return null;
     this.#last = null;
     const small = this.copyOf(gray);
     const { moved, found } = foundAgain(this.reference, small, this.#points, this.#guess);

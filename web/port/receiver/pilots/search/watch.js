@@ -45,7 +45,7 @@ export class Watch {
     this.fps = fps;
     this.#stabiliser = new Stabiliser(reference, pictureMoves);
     const { width, height } = this.#stabiliser.reference;
-    /** What toggles in the frames watched. */
+    /** Small copies of the frames watched, held still. */
     this.stills = new Stills(width, height);
     const usual = Math.min(MOST_WINDOW, Math.max(LEAST_WINDOW, roundHalfEven(WINDOW_S * fps)));
     /** Number of frames that are watched. */
@@ -82,9 +82,11 @@ export class Watch {
    *
    * @param {BytePlane} gray
    * @param {number} time - seconds
-   * @returns {boolean} whether it does
+   * @returns {boolean} whether it does, which a frame of another size does not
    */
   take(gray, time) {
+    const { width, height } = this.reference;
+    if (gray.width !== width || gray.height !== height) return false;
     let H = this.#stabiliser.follow(gray);
     let { tracks } = this.#stabiliser;
     let surrounded = null;
@@ -183,14 +185,14 @@ export class Watch {
   }
 
   /**
-   * Find where corners in the reference lie on the map.
+   * Find where corners in the reference lie in the stills.
    *
    * @param {Point[]} corners
    * @param {number | null} count - of the frames, from the first on, in which they follow their own
    *   motion: what is nearer than the wall behind it moves farther when the camera moves sideways;
    *   null for one place, the room being held still; but where their picture moves, they follow what
    *   surrounds them in all frames
-   * @returns {Point[][]} pixels of the map: for each of the frames, or once for all
+   * @returns {Point[][]} pixels of the stills: for each of the frames, or once for all
    */
   places(corners, count) {
     const moves = this.moves(corners);
@@ -208,7 +210,7 @@ export class Watch {
   }
 
   /**
-   * Move points from the reference to the map.
+   * Move points from the reference to the stills.
    *
    * @param {Point[]} points
    */
@@ -217,7 +219,7 @@ export class Watch {
   }
 
   /**
-   * Move points from the map to the reference.
+   * Move points from the stills to the reference.
    *
    * @param {Point[]} points
    */
