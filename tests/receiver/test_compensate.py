@@ -55,6 +55,15 @@ def test_nothing_is_left_of_what_stands_still() -> None:
         assert (compensator.take(still) == NOTHING).all()
 
 
+@pytest.mark.parametrize("shape", [(1, 1), (5, 640), (16, 16), (640, 11)], ids=str)
+def test_flashes_are_cut_to_8_bits_in_frames_of_any_size(shape: tuple[int, int]) -> None:
+    """No point can be followed where a frame is black or white."""
+    compensator, levels = Compensator(30.0), [0, 255, 255, 0]
+    changes = [compensator.take(np.full(shape, level, np.uint8)) for level in levels]
+    for change, expected in zip(changes, [NOTHING, 255, NOTHING, 0], strict=True):
+        assert change.shape == shape and (change == expected).all()
+
+
 def test_frames_of_quick_cameras_are_compared_over_the_same_time() -> None:
     """At 60 frames a second, a frame is compared with the one before the last."""
     compensator = Compensator(60.0)

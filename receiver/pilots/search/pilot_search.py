@@ -3,9 +3,10 @@
 A search looks at a window of some tenths of a second (`window_search`). While it does, the frames
 of the next window are watched, so that a display which comes late need not wait for its end.
 
-Every other window takes pictures for such that move, as a video does: the room alone is held still,
-and what has only moved is taken off the frames (`receiver.pilots.compensate`). The work is cut into
-steps, one or two for each frame, so that no frame takes long.
+The first window takes pictures to stand still, the next one takes them to move, as a video does,
+and so on by turns. Where they are taken to move, frames are held still by the room alone, and what
+has only moved is taken off them (`receiver.pilots.compensate`). The work is cut into steps, one or
+two for each frame, so that no frame takes long.
 """
 
 from collections.abc import Sequence
@@ -46,7 +47,7 @@ class PilotDisplay:
     clock: DisplayClock | None
     """Clock of a display with a code, in seconds of the camera's time; None for other displays."""
     picture_moves: bool
-    """Whether the display's picture moves by itself."""
+    """Whether the display's picture was taken, or seen, to move by itself."""
     held: tuple[HeldFrame, ...]
     """The frames before the newest one, from the oldest on, of those that are kept."""
 
@@ -71,8 +72,8 @@ class PilotSearch:
         self.layouts, self._fps, self._observer = tuple(layouts), fps, observer
         self._steps = max(1, round(STEPS_HZ / fps))
         self.picture_moves = False
-        """Whether the picture of the display that was found last moves by itself."""
-        self._begun = 0  # number of windows since then
+        """Whether the picture of the display that was found last was taken, or seen, to move."""
+        self._begun = 0  # number of the next window, from the last display on
         # steps hold their window, which knows nothing of them: it is freed where it is dropped
         self._windows: dict[WindowSearch, Search] = {}
 
@@ -109,15 +110,19 @@ class PilotSearch:
         return None
 
     def doubt_picture(self) -> None:
-        """Begin the next search with a window that takes pictures for what they were not before."""
+        """Take pictures in the next window for what the last display's was not taken for.
+
+        They move if it was taken to stand still, and stand still if it was taken to move. That may
+        have been wrong, because the display has been lost.
+        """
         self._begun = int(not self.picture_moves)
 
     def _begin(self, image: Image, time: float) -> None:
         """Begin a window with a frame.
 
-        By turns, windows take pictures for such that stand still and for such that move. After the
-        first one, windows are longer, and two try what is proposed late upright, the next two
-        sideways.
+        By turns, windows take pictures to stand still and to move. After the first one, windows are
+        longer, and pilots are fitted to what is proposed late upright in two, sideways in the next
+        two.
         """
         number, self._begun = self._begun, self._begun + 1
         watch = Watch(

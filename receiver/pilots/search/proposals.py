@@ -60,8 +60,9 @@ EDGE_BLUR_PX = 1.0
 """Standard deviation, in pixels of the stills, by which noise is smoothed before edges are sought.
 Chosen by hand."""
 LOG_LEVELS = 12.0
-"""Levels of the image of changes (`change_levels`) by which a change differs that is larger by a
-power of e: those of any film then fit into 8 bits. Chosen by hand."""
+"""Number of levels by which an image of changes (`change_levels`) is brighter where the mean
+squared change is e times as large. The largest one, 255 squared, then has level 133, and all fit
+into 8 bits. Chosen by hand."""
 STATES_HZ = (15.0, 30.0, 60.0, 120.0)
 """Numbers of states a second at which the pilots of layouts without a code are fitted to
 quadrilaterals that may be far off; where edges bound the display, it is found at any rate. Panels
@@ -72,8 +73,7 @@ sides may be up."""
 PROMISING = 9.0
 """Evidence of a quadrilateral, before the number of trials is taken off, at which its corners are
 refined at once. The false-alarm probability of one quadrilateral is then e to the -9, one in 8,000,
-so that slow steps are taken for few. If a search ends without a detection and no quadrilateral had
-so much, there was probably no display to be seen."""
+so that slow steps are taken for few."""
 
 
 PilotsSeen = list[list[NDArray[np.float32]]]
@@ -126,7 +126,8 @@ class Proposer:
     """Proposes where the display may be in a film, and what it may show.
 
     Quadrilaterals of edges in the reference are weighed coarsely while frames are being watched.
-    Others are outlines of what toggles, and what the pilots' fit makes of a display partly in view.
+    Others are outlines of what toggles, as they are and moved to edges, and what the pilots' fit
+    makes of a display partly in view.
 
     Args:
         watch: the film, of which the reference frame has come.
@@ -295,8 +296,8 @@ def change_levels(stills: NDArray[np.uint8]) -> NDArray[np.uint8]:
         stills: (T, h, w) uint8, at least two frames held still.
 
     Returns:
-        (h, w) uint8: the logarithm of the mean squared change, in units of which `LOG_LEVELS` make
-        the change larger by a power of e.
+        (h, w) uint8: `LOG_LEVELS` times the natural logarithm of 1 plus the mean squared change,
+        the change in gray levels; rounded down.
     """
     power = np.zeros(stills.shape[1:], np.float32)
     for before, after in pairwise(stills):

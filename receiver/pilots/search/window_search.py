@@ -1,8 +1,8 @@
 """Look for a display in one window of a film: the frames that follow a reference frame.
 
-Edges propose where the display may be. Corners then move to where the pilots fit the grid, and a
-display is detected if its blocks toggle with the pilots' signs (`settle.verify`). That also tells
-which way up it is and which of several grids it shows.
+Edges propose where the display may be, and so do outlines of what toggles. Corners then move to
+where the pilots fit the grid, and a display is detected if its blocks toggle with the pilots' signs
+(`settle.verify`). That also tells which way up it is and which of several grids it shows.
 """
 
 from collections.abc import Sequence

@@ -106,11 +106,8 @@ def test_the_shipped_map_is_that_of_its_checkpoint() -> None:
 @pytest.mark.parametrize("is_seen", [True, False])
 def test_regions_snap_to_edges_that_are_seen_and_to_those_of_what_changes(is_seen: bool) -> None:
     """A bright picture, and one as dark as what is around it which changes."""
-    rng, corners = (
-        np.random.default_rng(0),
-        np.array([[100.0, 80], [420, 90], [410, 300], [110, 290]]),
-    )
-    frames = []
+    rng, frames = np.random.default_rng(0), []
+    corners = np.array([[100.0, 80], [420, 90], [410, 300], [110, 290]])
     for _ in range(6):
         frame = rng.integers(28, 32, (360, 640), np.uint8)
         mask = cv2.fillConvexPoly(np.zeros_like(frame), np.int32(corners), 1) > 0

@@ -4,8 +4,9 @@
  * A search looks at a window of some tenths of a second (`windowSearch.js`). While it does, the frames
  * of the next window are watched, so that a display which comes late need not wait for its end.
  *
- * Every other window takes pictures for such that move, as a video does: the room alone is held still,
- * and what has only moved is taken off the frames (compensate.js).
+ * The first window takes pictures to stand still, the next one takes them to move, as a video does, and
+ * so on by turns. Where they are taken to move, frames are held still by the room alone, and what has
+ * only moved is taken off them (compensate.js).
  *
  * The work is cut into steps finer than Python's (`types.d.ts`): no frame takes long.
  */
@@ -40,8 +41,8 @@ const SPARE = 0.8;
  * A display that its pilots have given away: the layout that it shows, one of those that were
  * looked for; its corners in the newest frame, from the top left of the displayed picture on; its
  * corners in the frame with which the search began; the coefficient of the lens; when it shows which
- * state, where its code tells; whether its picture moves by itself; and the frames before the newest
- * one, from the oldest on, of those that are kept.
+ * state, where its code tells; whether its picture was taken, or seen, to move by itself; and the frames
+ * before the newest one, from the oldest on, of those that are kept.
  *
  * @typedef {{
  *   layout: Layout,
@@ -56,11 +57,11 @@ const SPARE = 0.8;
 
 /** Looks for a display that shows one of several layouts with pilots. */
 export class PilotSearch {
-  /** Whether the picture of the display that was found last moves by itself. */
+  /** Whether the picture of the display that was found last was taken, or seen, to move. */
   pictureMoves = false;
   /** Whether no search has begun, or one has just ended. */
   isIdle = true;
-  /** Number of windows since a display was found. */
+  /** Number of the next window, from the last display on. */
   #begun = 0;
   /** @type {WindowSearch[]} */
   #windows = [];
@@ -121,15 +122,18 @@ export class PilotSearch {
     return null;
   }
 
-  /** Begin the next search with a window that takes pictures for what they were not before. */
+  /**
+   * Take pictures to move in the next window if they were not, and to stand still if they were: the
+   * display that was found last has been lost, perhaps because this was wrong.
+   */
   doubtPicture() {
     this.#begun = Number(!this.pictureMoves);
   }
 
   /**
-   * Begin a window with a frame. By turns, windows take pictures for such that stand still and for such
-   * that move. After the first one, windows are longer, and two try what is proposed late upright, the
-   * next two sideways.
+   * Begin a window with a frame. By turns, windows take pictures to stand still and to move. After the
+   * first one, windows are longer, and pilots are fitted to what is proposed late upright in two,
+   * sideways in the next two.
    *
    * @param {BytePlane} gray
    * @param {number} time

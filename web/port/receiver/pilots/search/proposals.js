@@ -94,7 +94,7 @@ export const positions = (frames) => frames.map(({ at }) => at);
 /**
  * Proposes where the display may be in a film, and what it may show. Quadrilaterals of edges in the
  * reference are glanced at while frames are still being watched. Others are outlines of what toggles,
- * and what the pilots' fit makes of a display partly in view.
+ * as they are and moved to edges, and what the pilots' fit makes of a display partly in view.
  */
 export class Proposer {
   #watch;
@@ -310,8 +310,8 @@ export class Proposer {
  * Show by how much pixels change from still to still, as an image.
  *
  * @param {readonly BytePlane[]} stills - at least two
- * @returns {BytePlane} the logarithm of the mean squared change, in units of which `LOG_LEVELS` make
- *   the change larger by a power of e
+ * @returns {BytePlane} `LOG_LEVELS` times the natural logarithm of 1 plus the mean squared change, the
+ *   change in gray levels; rounded down
  */
 function changeLevels(stills) {
   const levels = planeLike(stills[0], stills[0].width, stills[0].height);
