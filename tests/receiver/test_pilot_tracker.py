@@ -112,6 +112,17 @@ def test_of_two_motions_that_of_the_points_that_lie_farther_apart_is_chosen() ->
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("blank", [1, 2])
+def test_blank_frames_before_a_display_do_not_hold_it_up(film: Film, blank: int) -> None:
+    images, _ = film
+    found = [
+        found_in(PilotTracker([FINE], FPS).follow, [*before, *images])
+        for before in ([], [np.zeros_like(images[0])] * blank)
+    ]
+    assert found[1] == found[0] + blank
+
+
+@pytest.mark.slow
 def test_a_display_that_stops_toggling_is_lost_and_found_again(film: Film) -> None:
     images, _ = film
     rng = np.random.default_rng(1)

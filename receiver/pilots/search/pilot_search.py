@@ -91,6 +91,8 @@ class PilotSearch:
         for window in tuple(self._windows):
             if not window.watch.take(gray, time):
                 del self._windows[window]
+                if not window.watch.frames:  # what began with a blank frame does not count
+                    self._begun -= 1
         if len(self._windows) < WINDOWS and all(w.is_late for w in self._windows):
             self._begin(image, time)
         left = self._steps

@@ -98,7 +98,11 @@ export class PilotSearch {
    */
   push(gray, time, begun = performance.now()) {
     this.isIdle = false;
-    this.#windows = this.#windows.filter(({ watch }) => watch.take(gray, time));
+    this.#windows = this.#windows.filter(({ watch }) => {
+      if (watch.take(gray, time)) return true;
+      if (watch.frames.length === 0) this.#begun--; // what began with a blank frame does not count
+      return false;
+    });
     if (this.#windows.length < WINDOWS && this.#windows.every(({ isLate }) => isLate)) {
       this.#begin(gray, time);
     }
