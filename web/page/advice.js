@@ -97,8 +97,11 @@ export function shareOf(corners, { width, height }) {
 }
 
 /** What browsers and onnxruntime say of a file of the site that is gone, cut off, or another one. */
-const DAMAGED =
-  /missing on the server|magic word|past end|unexpected end|not valid JSON|dynamically imported|load model/i;
+const DAMAGED = new RegExp(
+  "missing on the server|SyntaxError|magic word|past end|unexpected end|not valid JSON" +
+    "|dynamically imported|load model",
+  "i",
+);
 
 /**
  * Tell whether a file of the site is at fault: it is newer than the page, missing or damaged.

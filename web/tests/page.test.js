@@ -220,6 +220,7 @@ test("why the receiver will not work is said without jargon", () => {
     ["call to WebAssembly.instantiate() blocked by CSP", /server forbids/],
     ["this page is older than what its server has now", /renewed: .*Reload/],
     ["opencv.wasm is missing on the server", /part .* is missing: .*Reload.*opencv\.wasm is missing/],
+    ["Uncaught SyntaxError: Unexpected token '<'", /damaged one/],
     ["WebAssembly.instantiate(): expected magic word 00 61 73 6d, found 3c 21 64 6f", /damaged one/],
     ["no WebAssembly", /in this browser: No WebAssembly\. Try/],
   ]) {
