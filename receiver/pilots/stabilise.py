@@ -96,25 +96,26 @@ class Stabiliser:
         """Points found again in the last frame; None where pictures in it may move."""
         self._far_apart = far_apart
         height, width = gray.shape
-        self._reference = small_gray(gray)
-        x, y = width / self._reference.shape[1], height / self._reference.shape[0]
+        self.reference = small_gray(gray)
+        """Copy of the reference frame."""
+        x, y = width / self.reference.shape[1], height / self.reference.shape[0]
         self._H_image_from_copy = resized_homography(x, y)
-        self._points = _clear_points(self._reference, FAINT if far_apart else CLEAR)
+        self._points = _clear_points(self.reference, FAINT if far_apart else CLEAR)
         self._guess = self._points.copy()
 
-    def follow(self, gray: Gray) -> Array | None:
+    def follow(self, copy: Gray) -> Array | None:
         """Find the (3, 3) homography from pixels of the reference to pixels of a later frame.
 
         Args:
-            gray: (H, W) uint8, of the reference's size.
+            copy: (h, w) uint8, the copy of the frame (`small_gray`), which has the reference's
+                size.
 
         Returns:
             None where the reference's points are lost.
         """
         if len(self._points) < MIN_POINTS:
             return None
-        small = small_gray(gray)
-        moved, good = found_again(self._reference, small, self._points, self._guess)
+        moved, good = found_again(self.reference, copy, self._points, self._guess)
         if good.sum() < MIN_POINTS:
             return None
         motions = _motions(self._points[good], moved[good], 2 if self._far_apart else 1, SAME_PX)

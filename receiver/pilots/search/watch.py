@@ -82,7 +82,9 @@ class Watch:
         self._stabiliser = Stabiliser(gray, far_apart=picture_moves)
         self.on_copy, self.on_image = self._stabiliser.on_copy, self._stabiliser.on_image
         self._compensator = Compensator(fps) if picture_moves else None
-        self.first = HeldFrame(gray, np.eye(3), 0.0, time, changes=self._changes(gray))
+        self.first = HeldFrame(
+            gray, np.eye(3), 0.0, time, changes=self._changes(self._stabiliser.reference)
+        )
         """The reference as a frame."""
         usual = int(np.clip(round(WINDOW_S * fps), LEAST_WINDOW, MOST_WINDOW))
         self.window, self.soon = longer * usual, usual // 2
@@ -129,7 +131,8 @@ class Watch:
         """
         if gray.shape != self.first.gray.shape:
             return False
-        H, tracks = self._stabiliser.follow(gray), self._stabiliser.tracks
+        copy = small_gray(gray)
+        H, tracks = self._stabiliser.follow(copy), self._stabiliser.tracks
         surrounded: tuple[Surrounded, ...] | None = None
         if not self._shows_enough(H):  # a cut in the picture has taken the points along, or a pan
             tracks, surrounded = None, self._surrounded(gray, None)
@@ -139,24 +142,25 @@ class Watch:
         if surrounded is None:
             surrounded = self._surrounded(gray, tracks)
         at = position(time - self.first.time, self.fps)
-        frame = HeldFrame(gray, H, at, time, tracks, surrounded, self._changes(gray))
-        for each in (frame,) if self._kept else (self.first, frame):  # now the film holds still
-            self._kept.append(each)
-            if len(self._kept) <= self.window:
-                self._add_still(each)
+        if not self._kept:  # now the film holds still
+            self._keep(self.first, self._stabiliser.reference)
+        frame = HeldFrame(gray, H, at, time, tracks, surrounded, self._changes(copy))
+        self._keep(frame, copy)
         if len(self._kept) > self.window + max(self._held, self.confirming):
             del self._kept[self.window]
         return True
 
-    def _add_still(self, frame: HeldFrame) -> None:
-        """Move small copies of a frame, and of its changes if any, to where the reference lies."""
-        H, still = frame.H_image_from_reference, self._stabiliser.still
-        changes = None if frame.changes is None else still(frame.changes, H)
-        self.stills.add(still(small_gray(frame.gray), H), changes)
+    def _keep(self, frame: HeldFrame, copy: Gray) -> None:
+        """Keep a frame; while it is watched, its copy and changes are moved onto the reference."""
+        self._kept.append(frame)
+        if len(self._kept) <= self.window:
+            H, still = frame.H_image_from_reference, self._stabiliser.still
+            changes = None if frame.changes is None else still(frame.changes, H)
+            self.stills.add(still(copy, H), changes)
 
-    def _changes(self, gray: Gray) -> Gray | None:
-        """Find what the next frame shows beyond what has moved; None where pictures stand still."""
-        return None if self._compensator is None else self._compensator.take(small_gray(gray))
+    def _changes(self, copy: Gray) -> Gray | None:
+        """Find what the copy of the next frame shows beyond what has moved, if pictures move."""
+        return None if self._compensator is None else self._compensator.take(copy)
 
     def _shows_enough(self, H_image_from_reference: Homography | None) -> bool:
         """Tell whether a frame, held still so, shows enough of the reference."""
