@@ -17,7 +17,7 @@ from link.types import Array, Image
 from models import REGION_GRAPH
 from receiver.locate.quads import upright
 from receiver.pilots.search.proposals import Proposer
-from receiver.pilots.search.regions import outline_regions
+from receiver.pilots.search.regions import leaving_regions, outline_regions
 from receiver.pilots.search.watch import Watch
 
 SIZE = 45, 80
@@ -51,6 +51,24 @@ def test_displays_are_outlined_as_by_python(port: Port, name: str) -> None:
         found, known = outlined(log_odds.ravel(), SIZE[1]), outline_regions(log_odds)
         assert len(found) == len(known) >= len(MAPS[name])
         same(upright(np.reshape(found, (-1, 4, 2))), upright(np.array(known)), OUTLINE_CELLS)
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_leaving_displays_are_chosen_as_by_python(port: Port, name: str) -> None:
+    chosen = port("receiver/pilots/search/regions.js").leavingRegions
+    rng = np.random.default_rng(1)
+    corners = np.array([[0, 0], [30, 0], [30, 20], [0, 20]])
+    quads = corners + rng.uniform(-6, 40, (9, 1, 2)) + rng.uniform(-5, 5, (9, 4, 2))
+    for seed in range(6):
+        log_odds = map_with(MAPS[name], seed)
+        found = chosen(quads.tolist(), log_odds.ravel(), SIZE[1])
+        known = leaving_regions(quads, log_odds)
+        assert len(found) == len(known)
+        same(
+            upright(np.reshape(found, (-1, 4, 2))),
+            upright(np.reshape(known, (-1, 4, 2))),
+            OUTLINE_CELLS,
+        )
 
 
 def test_regions_snap_to_edges_as_by_python(port: Port) -> None:

@@ -22,7 +22,7 @@ from receiver.locate.quads import upright
 from receiver.pilots.motion import moved_corners
 from receiver.pilots.search.film import HeldFrame, positions
 from receiver.pilots.search.parts import COARSE_SIZE, coarse_shift, rough_series, shifted_togglings
-from receiver.pilots.search.regions import outline_regions
+from receiver.pilots.search.regions import leaving_regions, outline_regions
 from receiver.pilots.search.watch import Watch
 from receiver.pilots.toggling import TogglePattern, Wave, find_toggling
 
@@ -37,13 +37,12 @@ BRIGHT_PX, DARK_PX = 13, 9
 """Sides of the squares, in pixels of the mean frame, below which bright details of the picture are
 taken off before dark ones, and dark ones before bright ones: wider than strokes of letters or
 streets of a map, narrower than the display. Chosen by hand."""
-PARTLY_SEEN = 12
-"""Number of quadrilaterals with a corner outside the image that the pilots are fitted to. It bounds
-the work: of 15 simulated displays with a corner or a side outside, 12 had one of the first twelve
-within reach of the fit (`receiver.pilots.search.parts.REACH_SHARE`)."""
+PARTLY_SEEN = 200
+"""Largest number of quadrilaterals of edges with a corner outside the image, of which the map of
+what toggles chooses. It bounds the work; chosen by hand."""
 LEAVING = 2
-"""Number of the first of these quadrilaterals that are weighed coarsely, too. It bounds the work;
-chosen by hand."""
+"""Number of these quadrilaterals, those of the strongest edges, that are weighed coarsely, too. It
+bounds the work; chosen by hand."""
 STRONGEST = 2
 """Number of quadrilaterals, those of the strongest edges, that the pilots are fitted to once
 all frames have been watched. It bounds the work; chosen by hand."""
@@ -142,8 +141,8 @@ class Proposer:
         self._frequencies = sorted({float(f) for f in np.minimum(periods, 1 - periods) if f > 0})
         self._kept: dict[tuple[bytes, int, bool], PilotsSeen] = {}
         self.partly_seen: list[Corners] = []
-        """Quadrilaterals, pixels of the reference, that may bound a display which is partly in
-        view, the likeliest first; none before `edges` has ended."""
+        """Quadrilaterals of edges, pixels of the reference, that may bound a display which is
+        partly in view, those of the strongest edges first; none before `edges` has ended."""
 
     def edges(self) -> Steps[list[Array]]:
         """Propose quadrilaterals of edges, (4, 2) pixels of the reference, the strongest first."""
@@ -153,20 +152,28 @@ class Proposer:
         self.partly_seen = leaving_quads(reference, PARTLY_SEEN)
         return [*strongest, *self.partly_seen[:LEAVING]]
 
-    def regions(self) -> Steps[list[Array]]:
-        """Propose quadrilaterals that bound what toggles, whatever edges the display has.
+    def regions(self) -> Steps[tuple[list[Array], list[Array]]]:
+        """Propose quadrilaterals that bound what toggles.
 
         Returns:
-            (4, 2) pixels of the reference each, to some blocks, the likeliest first.
+            outlines of displays, whatever edges they have, to some blocks; and quadrilaterals that
+            may bound a display which leaves the image, where what toggles reaches its border.
+            (4, 2) pixels of the reference each, the likeliest first.
         """
-        stills = self._watch.stills.frames[-MAPPED:]
+        watch, stills = self._watch, self._watch.stills.frames[-MAPPED:]
         if min(stills.shape[1:]) < LEAST_PX:
-            return []
+            return [], []
         log_odds = shipped_region_graph().log_odds(stills)
         yield 1
-        outlines = [CELL_PX * outline - 0.5 for outline in outline_regions(log_odds)]
-        quads = upright(np.reshape(outlines, (-1, 4, 2)))  # (N, 4, 2), N may be 0
-        return [self._watch.on_image(quad) for quad in quads]
+        edges = [(watch.on_copy(quad) + 0.5) / CELL_PX for quad in self.partly_seen]
+        leaving = leaving_regions(np.reshape(edges, (-1, 4, 2)), log_odds)  # N may be 0
+        yield 1
+        found = []
+        for cells in outline_regions(log_odds), leaving:
+            quads = upright(CELL_PX * np.reshape(cells, (-1, 4, 2)) - 0.5)  # N may be 0
+            found.append([watch.on_image(quad) for quad in quads])
+        outlines, leaving = found
+        return outlines, leaving
 
     def snapped(self, region: Array) -> Steps[list[Array]]:
         """Move the sides of a region to edges that are seen, and to those of what changes.

@@ -5,7 +5,7 @@ where the pilots fit the grid, and a display is detected if its blocks toggle wi
 (`settle.verify`). That also tells which way up it is and which of several grids it shows.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import chain, product
 
 import numpy as np
@@ -30,6 +30,10 @@ other steps of the search. Chosen by hand."""
 SURROUNDED = 4
 """Number of quadrilaterals, those of the strongest edges, that are followed by what surrounds them.
 It bounds the work; chosen by hand."""
+LEAVING_AT_ONCE, LEAVING_LATER = 2, 12
+"""Number of quadrilaterals which leave the image that the pilots are fitted to before outlines of
+what toggles, where the display may do so, and while frames are awaited. They bound the work; chosen
+by hand."""
 Search = Steps[Detection | None]
 """Steps of the search, which end with the display that is detected, or None."""
 
@@ -49,6 +53,7 @@ class WindowSearch:
     ) -> None:
         self.watch, self._turns, self._is_alone = watch, turns, is_alone
         self._proposer = Proposer(watch, layouts)
+        self._leaving: list[Array] = []  # what may bound a display partly in view, by what toggles
         self.is_late = False
         """Whether edges have been weighed coarsely in all frames that are watched."""
         self.is_settling = False
@@ -89,7 +94,7 @@ class WindowSearch:
         edges = yield from proposer.edges()
         watch.surround(edges[:SURROUNDED])
         every_turn = [turn + half for turn in self._turns for half in (0, 2)]
-        aside = (self._fit([quad], self._turns[:1]) for quad in proposer.partly_seen)
+        aside = self._fits_partly_seen()
         count, seen = watch.soon, 0
         while seen < watch.window:
             while len(watch.frames) < min(count, watch.window):
@@ -112,6 +117,11 @@ class WindowSearch:
                 return found
         return (yield from self._fit(edges[:STRONGEST], every_turn))
 
+    def _fits_partly_seen(self) -> Iterator[Search]:
+        """Fit the pilots, one by one, to quadrilaterals that may bound a display partly in view."""
+        for quad in (self._leaving or self._proposer.partly_seen)[:LEAVING_LATER]:
+            yield self._fit([quad], self._turns[:1])
+
     def _weigh_others(self, turns: Sequence[int]) -> Search:
         """Weigh faint edges, and fit the pilots after quarter turns to outlines of what toggles.
 
@@ -120,9 +130,11 @@ class WindowSearch:
         faint = self._proposer.faint_edges()
         if found := (yield from self._weigh_coarsely(next(faint))):
             return found
-        regions = yield from self._proposer.regions()
+        regions, self._leaving = yield from self._proposer.regions()
         snapped = (yield from self._proposer.snapped(regions[0])) if regions else []
         if found := (yield from self._weigh_coarsely([*snapped, *regions])):
+            return found
+        if found := (yield from self._fit(self._leaving[:LEAVING_AT_ONCE], self._turns[:1])):
             return found
         if found := (yield from self._fit(regions[:1], turns)):
             return found

@@ -21,7 +21,7 @@ from models.region.region import DisplayRegion
 from receiver.pilots.search import proposals
 from receiver.pilots.search.pilot_search import PilotSearch
 from receiver.pilots.search.proposals import Proposer
-from receiver.pilots.search.regions import _within, outline_regions
+from receiver.pilots.search.regions import _within, leaving_regions, outline_regions
 from receiver.pilots.search.watch import Watch
 
 SIZE = 45, 80
@@ -63,6 +63,22 @@ def test_an_outline_goes_on_beyond_the_image() -> None:
     assert off(left[:2], corners[[0, 3]]) < 1
     assert (left[2:, 0] > 78).all()
     assert (left[2:] <= [90, 55]).all()
+
+
+def test_edges_of_a_display_that_leaves_the_image_are_told_from_others_by_what_toggles() -> None:
+    display = np.array([[-6.0, 5], [30, 4], [31, 30], [-6, 32]])
+    bezel = display + np.array([[0, -4], [4, -4], [4, 4], [0, 4]])
+    half = display * np.array([1, 0.5])
+    log_odds = map_of(display, inside=-2.0, outside=-9.0)  # as another camera may show it
+    assert outline_regions(log_odds) == []
+    first, outline, *others = leaving_regions(np.array([bezel, half, display]), log_odds)
+    assert (first == display).all() and len(others) == 2
+    right = outline[np.argsort(outline[:, 0])][2:]
+    assert np.abs(np.sort(right, axis=0) - display[1:3]).max() < 1.5
+    within = map_of(display + np.array([20, 5]))
+    assert leaving_regions(np.array([bezel]), within) == []
+    (alone,) = leaving_regions(np.zeros((0, 4, 2)), log_odds)
+    assert (alone == outline).all()
 
 
 def test_the_likeliest_of_two_displays_comes_first() -> None:

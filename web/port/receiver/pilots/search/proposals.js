@@ -15,7 +15,7 @@ import { movedCorners } from "../motion.js";
 import { expectedChanges, picked, pilotValues, standingOut } from "../../../link/pilots.js";
 import { Wave, findToggling } from "../toggling.js";
 import { COARSE_SIZE, coarseShift, roughSeries, shiftedTogglings } from "./parts.js";
-import { outlineRegions } from "./regions.js";
+import { leavingRegions, outlineRegions } from "./regions.js";
 
 /** @typedef {import("../../../export/regionGraph.js").RegionMapper} RegionMapper */
 /** @typedef {import("../toggling.js").Toggling} Toggling */
@@ -99,8 +99,8 @@ export const positions = (frames) => frames.map(({ at }) => at);
 export class Proposer {
   #watch;
   /**
-   * Quadrilaterals that may bound a display which is partly in view, the likeliest first; none before
-   * `edges` has ended. @type {Point[][]}
+   * Quadrilaterals of edges that may bound a display which is partly in view, those of the strongest
+   * edges first; none before `edges` has ended. @type {Point[][]}
    */
   partlySeen = [];
   #layouts;
@@ -145,23 +145,40 @@ export class Proposer {
   }
 
   /**
-   * Propose quadrilaterals that bound what toggles, whatever edges the display has. The map of it is
-   * awaited, whatever number of frames that takes.
+   * Propose quadrilaterals that bound what toggles. The map of it is awaited, whatever number of frames
+   * that takes.
    *
-   * @returns {Steps<Point[][]>} the likeliest first, each to some blocks
+   * @returns {Steps<{ outlines: Point[][], leaving: Point[][] }>} outlines of displays, whatever edges
+   *   they have, to some blocks; and what may bound a display which leaves the image, where what toggles
+   *   reaches its border; the likeliest first
    */
   *regions() {
     const { frames, width, height } = this.#watch.stills;
-    if (Math.min(width, height) < LEAST_PX) return [];
+    if (Math.min(width, height) < LEAST_PX) return { outlines: [], leaving: [] };
     let logOdds = /** @type {Float32Array | null} */ (null);
     void this.#mapper.logOdds(frames.slice(-MAPPED)).then((found) => (logOdds = found));
     while (logOdds === null) yield NEXT_FRAME;
-    const outlines = outlineRegions(logOdds, Math.floor(width / CELL_PX));
+    const columns = Math.floor(width / CELL_PX);
+    const edges = this.partlySeen.map((quad) =>
+      this.#watch.onCopy(quad).map(([x, y]) => /** @type {Point} */ ([(x + 0.5) / CELL_PX, (y + 0.5) / CELL_PX])),
+    );
+    const leaving = leavingRegions(edges, logOdds, columns);
     yield OUTLINE_WORK;
-    return outlines.map((outline) => {
-      const onStill = outline.map(([x, y]) => /** @type {Point} */ ([CELL_PX * x - 0.5, CELL_PX * y - 0.5]));
-      return this.#watch.onImage(upright(onStill));
-    });
+    const outlines = outlineRegions(logOdds, columns);
+    yield OUTLINE_WORK;
+    const [first, second] = [outlines, leaving].map((quads) => quads.map((quad) => this.#ofCells(quad)));
+    return { outlines: first, leaving: second };
+  }
+
+  /**
+   * Move a quadrilateral of cells of the map into the reference frame.
+   *
+   * @param {Point[]} quad
+   * @returns {Point[]} upright
+   */
+  #ofCells(quad) {
+    const onStill = quad.map(([x, y]) => /** @type {Point} */ ([CELL_PX * x - 0.5, CELL_PX * y - 0.5]));
+    return this.#watch.onImage(upright(onStill));
   }
 
   /**

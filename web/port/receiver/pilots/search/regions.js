@@ -7,7 +7,7 @@
 import { receiverPilotsSearchRegions } from "../../../../generated/constants.js";
 
 const {
-  REGIONS, LEAST_CELLS, MOST_ODDS, BEYOND_CELLS, BEYOND_ODDS, STEPS, MOST_MOVES, MOVES,
+  REGIONS, LEAST_CELLS, MOST_ODDS, BEYOND_CELLS, BEYOND_ODDS, LEAVING_ODDS, STEPS, MOST_MOVES, MOVES,
 } = receiverPilotsSearchRegions;
 
 /**
@@ -33,6 +33,31 @@ export function outlineRegions(logOdds, width) {
     .map((part) => climbed(rectangleOf(part, width), sums))
     .sort((one, other) => other.likelihood - one.likelihood)
     .map(({ outline }) => outline);
+}
+
+/**
+ * Choose quadrilaterals that may be a display which leaves the image, if one does.
+ *
+ * @param {Point[][]} quads - in cells, which edges propose
+ * @param {Float32Array} logOdds - natural log-odds of each cell
+ * @param {number} width - of the map, cells
+ * @returns {Point[][]} none where the outline of the likeliest cells keeps off the image's border; else
+ *   `quads`, the likeliest first, but that this outline is the second
+ */
+export function leavingRegions(quads, logOdds, width) {
+  const leaning = logOdds.map((odds) => odds + LEAVING_ODDS);
+  const outlines = outlineRegions(leaning, width).slice(0, 1);
+  const height = logOdds.length / width;
+  const isLeaving = outlines.some((outline) =>
+    outline.some(([x, y]) => Math.min(x, y) <= 1 || x >= width - 1 || y >= height - 1),
+  );
+  if (!isLeaving) return [];
+  const sums = sumsOf(leaning, width);
+  const [first, ...others] = quads
+    .map((quad) => ({ quad, likelihood: within(quad, sums) }))
+    .sort((one, other) => other.likelihood - one.likelihood)
+    .map(({ quad }) => quad);
+  return first === undefined ? outlines : [first, ...outlines, ...others];
 }
 
 /**

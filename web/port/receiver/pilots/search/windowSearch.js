@@ -18,7 +18,7 @@ import { HINT, settleSteps } from "./settle.js";
 /** @typedef {import("./settle.js").Settled} Settled */
 /** @typedef {import("./watch.js").Watch} Watch */
 
-const { SURROUNDED } = receiverPilotsSearchWindowSearch;
+const { SURROUNDED, LEAVING_AT_ONCE, LEAVING_LATER } = receiverPilotsSearchWindowSearch;
 /** Units of work of beginning to follow what surrounds quadrilaterals. */
 const SURROUND_WORK = 10;
 
@@ -29,6 +29,8 @@ export class WindowSearch {
   #turns;
   /** The same, upright and upside down. */
   #everyTurn;
+  /** What may bound a display partly in view, by what toggles, the likeliest first. @type {Point[][]} */
+  #leaving = [];
   /** Whether edges have been glanced at in all frames that are watched. */
   isLate = false;
   /** Whether a proposal is being settled. */
@@ -132,7 +134,8 @@ export class WindowSearch {
    * @returns {Generator<Steps<Settled | null>>}
    */
   *#aside() {
-    for (const quad of this.#proposer.partlySeen) yield this.#fit([quad], this.#turns.slice(0, 1));
+    const quads = this.#leaving.length > 0 ? this.#leaving : this.#proposer.partlySeen;
+    for (const quad of quads.slice(0, LEAVING_LATER)) yield this.#fit([quad], this.#turns.slice(0, 1));
   }
 
   /**
@@ -145,10 +148,12 @@ export class WindowSearch {
     const [faint, ...withoutDetails] = this.#proposer.faintEdges();
     const early = yield* this.#glance(yield* faint);
     if (early !== null) return early;
-    const regions = yield* this.#proposer.regions();
+    const { outlines: regions, leaving } = yield* this.#proposer.regions();
+    this.#leaving = leaving;
     const snapped = regions.length > 0 ? yield* this.#proposer.snapped(regions[0]) : [];
     const bounded =
       (yield* this.#glance([...snapped, ...regions])) ??
+      (yield* this.#fit(leaving.slice(0, LEAVING_AT_ONCE), this.#turns.slice(0, 1))) ??
       (yield* this.#fit(regions.slice(0, 1), this.#everyTurn));
     if (bounded !== null) return bounded;
     for (const edges of withoutDetails) {
