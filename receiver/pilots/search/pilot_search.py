@@ -1,7 +1,7 @@
 """Find a display by its pilots, over some frames of a film: nothing visible marks it.
 
-A search looks at a window of some tenths of a second (`window_search`). While it does, the frames
-of the next window are watched, so that a display which comes late need not wait for its end.
+A search looks at a window of some tenths of a second (`window_search`). Once it has looked at
+edges, the next window begins, so that a display need not wait for the end of the first one.
 
 The first window takes pictures to stand still, the next one takes them to move, as a video does,
 and so on by turns. Where they are taken to move, frames are held still by the room alone, and what
@@ -93,7 +93,7 @@ class PilotSearch:
                 del self._windows[window]
                 if not window.watch.frames:  # what began with a blank frame does not count
                     self._begun -= 1
-        if len(self._windows) < WINDOWS and all(w.is_late for w in self._windows):
+        if len(self._windows) < WINDOWS and all(w.has_looked for w in self._windows):
             self._begin(image, time)
         left = self._steps
         for window in sorted(

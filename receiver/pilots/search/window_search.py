@@ -54,6 +54,8 @@ class WindowSearch:
         self.watch, self._turns, self._is_alone = watch, turns, is_alone
         self._proposer = Proposer(watch, layouts)
         self._leaving: list[Array] = []  # what may bound a display partly in view, by what toggles
+        self.has_looked = False
+        """Whether edges have been weighed coarsely at all."""
         self.is_late = False
         """Whether edges have been weighed coarsely in all frames that are watched."""
         self.is_settling = False
@@ -108,6 +110,7 @@ class WindowSearch:
             count = seen + watch.window // 4
             if found := (yield from self._weigh_coarsely(edges, seen)):
                 return found
+            self.has_looked = True
             if first and (found := (yield from self._weigh_others(every_turn))):
                 return found
         self.is_late = True

@@ -103,7 +103,7 @@ export class PilotSearch {
       if (watch.frames.length === 0) this.#begun--; // what began with a blank frame does not count
       return false;
     });
-    if (this.#windows.length < WINDOWS && this.#windows.every(({ isLate }) => isLate)) {
+    if (this.#windows.length < WINDOWS && this.#windows.every(({ hasLooked }) => hasLooked)) {
       this.#begin(gray, time);
     }
     const isSettling = this.#windows.some((window) => window.isSettling);

@@ -31,6 +31,8 @@ export class WindowSearch {
   #everyTurn;
   /** What may bound a display partly in view, by what toggles, the likeliest first. @type {Point[][]} */
   #leaving = [];
+  /** Whether edges have been glanced at at all. */
+  hasLooked = false;
   /** Whether edges have been glanced at in all frames that are watched. */
   isLate = false;
   /** Whether a proposal is being settled. */
@@ -117,7 +119,9 @@ export class WindowSearch {
       }
       const isFirst = seen === 0;
       seen = watch.frames.length;
-      const found = (yield* this.#glance(edges, seen)) ?? (isFirst ? yield* this.#others() : null);
+      const glanced = yield* this.#glance(edges, seen);
+      this.hasLooked = true;
+      const found = glanced ?? (isFirst ? yield* this.#others() : null);
       if (found !== null) return found;
     }
     this.isLate = true;
