@@ -13,7 +13,6 @@ from link.errors import choose
 
 STUDIES = {
     "ablation": ("lab.ablation", "which switch of the decoder pays, and where"),
-    "carrying": ("lab.carrying", "which share of the bits comes through over dark gray"),
     "pilot_search": ("lab.films.pilot_search", "how often displays are found by their pilots"),
     "rates": ("lab.films.rates", "how fast presets deliver a message"),
 }

@@ -17,10 +17,12 @@ CARRIED = {
 }
 """By preset and a block's gray level the share of its bit that the scores of a frame pair tell, 1
 for a bit that is certain: simulated, by ``python -m lab carrying --pairs canon-lg phone-laptop
-phone-oled --seconds 0.8``, of three cameras with a frame for each state or two. Six films of
-`hidden`, six of `fast` and three of `robust` were read, 135, 64 and 15 frame pairs. The 95 %
-interval of a mean is ± 0.5 at its widest and ± 0.1 at most over the bright levels of `hidden`,
-± 0.4 and 0.3 of `fast`, and ± 0.2 of `robust`: cameras differ more than levels do."""
+phone-oled --seconds 0.8`` of commit 451fcc7e. Three cameras, with a frame for each state or two,
+filmed patches of these levels. Scores of like confidence count by how often they are right, and
+blocks that were erased tell nothing. Six films of `hidden`, six of `fast` and three of `robust`
+were read, 135, 64 and 15 frame pairs. The 95 % interval of a mean is ± 0.5 at its widest and ± 0.1
+at most over the bright levels of `hidden`, ± 0.4 and 0.3 of `fast`, and ± 0.2 of `robust`: cameras
+differ more than levels do."""
 DIM = 0.65
 """Share of the bits from which on a picture counts as bright enough."""
 SHRUNK_PX = (64, 48)
