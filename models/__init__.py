@@ -54,33 +54,21 @@ class Card:
     checkpoint: Callable[[Layout], Path] | None = None
     """Chooses, by the layout, the folder of the checkpoint that it loads where no other is named;
     None for untrained ones."""
-    inverse_response: Literal["", "straight", "fitted", "histogram", "phi"] = ""
-    """How the decoder finds g, the map from captured to displayed intensity: "straight" takes a
-    straight line, "fitted" fits it to the ratex tiles, "histogram" takes the picture's histogram
-    for uniform, and "phi" has its coefficients as the leading weights of the head, as in the
-    paper's Φ; "" where it finds none."""
     twin_of: str = ""
     """Method that decides the same by other means; sweeps and curves show that one alone."""
 
 
 DECODERS = {
-    "naive": Card("models.paper.naive:Naive", "#8a8f98", "o", inverse_response="straight"),
-    "two_step": Card("models.paper.two_step:TwoStep", "#3a9fd6", "s", inverse_response="fitted"),
-    "oorc": Card("models.paper.oorc:OORC", "#1166b0", "D", frames="both", inverse_response="phi"),
-    "hidden_ratex": Card(
-        "models.paper.hidden_ratex:HiddenRatex",
-        "#b8589a",
-        "^",
-        equalised=True,
-        inverse_response="histogram",
-    ),
+    "naive": Card("models.paper.naive:Naive", "#8a8f98", "o"),
+    "two_step": Card("models.paper.two_step:TwoStep", "#3a9fd6", "s"),
+    "oorc": Card("models.paper.oorc:OORC", "#1166b0", "D", frames="both"),
+    "hidden_ratex": Card("models.paper.hidden_ratex:HiddenRatex", "#b8589a", "^", equalised=True),
     "blind": Card("models.blind.blind:Blind", "#0a9468", "v", equalised=True, llr=True),
     "phi": Card(
         "models.phi.methods:Phi",
         "#7b61c9",
         "o",
         frames="both",
-        inverse_response="phi",
         twin_of="oorc",
     ),
     "learned": Card(
@@ -89,7 +77,6 @@ DECODERS = {
         "s",
         llr=True,
         checkpoint=shipped_checkpoint,
-        inverse_response="phi",
     ),
     "linear": Card("models.film.methods:LinearFilm", "#6b8e23", "P", frames="window", llr=True),
     "film": Card(

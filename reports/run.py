@@ -7,7 +7,6 @@
 | sweeps.jsonl | the predictions of the sweeps |
 | *.jsonl.part | predictions of a run that is under way or was cut off (`reports.engine.predict`) |
 | stories.json, stories/ | the captures that are read worst, as pictures |
-| response.json | inverse responses that methods find |
 | films.json | what the receiver saw of films, and where bits are wrong |
 | run.json | command, versions, machine; its presence marks a finished run |
 | report.html | the page |
@@ -18,10 +17,9 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Any, TypeVar
 
 import pandas as pd
-from pydantic import Field
 
 from link.errors import InputError, ParameterError
 from link.files.lock import LOCK
@@ -29,7 +27,7 @@ from link.images import make_folder, write_bytes
 from link.outside import inside, is_file, parse_json, read_json
 from reports.captured.door import FILMS
 from reports.captured.evidence import FilmEvidence
-from reports.engine.checked import Count, Number, checked, write_json
+from reports.engine.checked import Number, checked, write_json
 from reports.engine.provenance import Machine, Making, commit, machine
 from reports.engine.records import read_predictions
 from reports.score.accuracy import STORED, score, write_scores
@@ -41,8 +39,8 @@ REPORT = "report.html"
 """Name of the page of a run."""
 PREDICTIONS, SWEPT = "predictions.jsonl", "sweeps.jsonl"
 """Names of the files of the predictions of the main comparison, and of the sweeps."""
-STORIES, RESPONSES = "stories.json", "response.json"
-"""Names of the files of the pictures, and of the responses."""
+STORIES = "stories.json"
+"""Name of the file that lists the pictures."""
 CSV = "metrics.csv"
 """Name of the file of the scores that spreadsheets and pandas read: a row a cell and method."""
 CONFIG = "config.json"
@@ -59,38 +57,6 @@ class Story:
     """Source of the capture, in words."""
     pictures: list[tuple[str, str]]
     """File in the run's folder, and caption."""
-
-
-@dataclass(frozen=True)
-class Response:
-    """The true camera-display transfer function of a frame pair, and what each method finds."""
-
-    pair: str
-    """Camera-display pair."""
-    view_deg: Number
-    """Angle of observation, degrees from the display's normal."""
-    kappa: Count
-    """Gray levels added where a bit is 1."""
-    index: Count
-    """Number of the frame pair in its cell."""
-    displayed: Annotated[list[Number], Field(min_length=1)]
-    """Displayed gray levels of uniform frames."""
-    median: list[Number]
-    """Captured luma of these frames, gray levels: median over the picture."""
-    low: list[Number]
-    """Captured luma of these frames, gray levels: 10th percentile over the picture."""
-    high: list[Number]
-    """Captured luma of these frames, gray levels: 90th percentile over the picture."""
-    found: dict[str, list[tuple[Number, Number]]]
-    """Points (displayed, captured) of the response that each method finds, in gray levels, over
-    what the ratex tiles cover."""
-    error: dict[str, Number]
-    """Root mean square error of each method, in displayed gray levels: of the levels that it finds
-    for the captured levels of the true curve."""
-
-    def __post_init__(self) -> None:
-        if len({len(self.displayed), len(self.median), len(self.low), len(self.high)}) != 1:
-            raise ValueError("displayed, median, low and high have different lengths")
 
 
 @dataclass(frozen=True)
@@ -128,8 +94,6 @@ class Run:
     """Predictions of all sweeps; `reports.evaluation.sweeps` names their conditions."""
     stories: list[Story]
     """Captures that the report shows as pictures."""
-    responses: list[Response]
-    """Responses that methods found; empty where they were not measured."""
     films: FilmEvidence | None
     """Measurements of the receiver on films; None where no film was received."""
 
@@ -283,7 +247,6 @@ class RunFolder:
                 if is_file(self.path / SWEPT)
                 else records[:0],
                 stories=self._read(STORIES, list[Story]) or [],
-                responses=self._read(RESPONSES, list[Response]) or [],
                 films=self._read(FILMS, FilmEvidence),
             )
             checked(Making, run.about.meta, "run.json, meta")

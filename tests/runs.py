@@ -10,10 +10,8 @@ from reports.engine.checked import write_json, write_sealed
 from reports.engine.records import to_records
 from reports.run import (
     PREDICTIONS,
-    RESPONSES,
     STORIES,
     SWEPT,
-    Response,
     RunFolder,
     Story,
 )
@@ -43,10 +41,4 @@ def write_run(path: Path) -> None:
     write_image(path / "stories" / "a.jpg", np.zeros((20, 20, 3), np.uint8))
     shown = [("stories/a.jpg", "caption")]
     write_json(path / STORIES, [Story("oorc", "where", shown)])
-    levels = [0.0, 255.0]
-    found = {"naive": [(0.0, 0.0), (255.0, 250.0)]}
-    response = Response(
-        "canon-lg", 45.0, 3, 0, levels, levels, levels, levels, found, {"naive": 1.0}
-    )
-    write_json(path / RESPONSES, [response])
     run.finish(META, {"decoding": 1.0}, ["a note"])

@@ -10,8 +10,6 @@ brighter, weights come out negative.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.polynomial import Legendre
-from numpy.typing import NDArray
 
 from link.frames import SoftBits
 from link.observation import Observation
@@ -55,20 +53,6 @@ def explicit_map(i_o: Real, i_e: Real, degree: int = 4) -> Real:
     array([[-0.5  , -0.375]])
     """
     return np.asarray(legendre(i_o, degree) - legendre(i_e, degree))
-
-
-def inverse_response(weights: NDArray[np.float64]) -> Legendre:
-    """Read the inverse response g off the weights of Phi.
-
-    It increases wherever the CDTF does. Its scale and offset mean nothing.
-
-    Args:
-        weights: (degree,) weights of the Legendre features.
-
-    Returns:
-        g over captured intensities in [0, 1].
-    """
-    return Legendre(np.concatenate([[0.0], -weights]), domain=[0, 1])
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,1 @@
-"""A run of evaluate.py: its findings, pictures, responses and times, and the page of them all."""
+"""A run of evaluate.py: its findings, pictures and times, and the page of them all."""

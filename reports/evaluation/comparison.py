@@ -27,7 +27,6 @@ from reports.engine.predict import (
     recorded_conditions,
 )
 from reports.engine.provenance import provenance
-from reports.evaluation.response import write_responses
 from reports.evaluation.stories import simulated_pictures, worst_stories
 from reports.evaluation.sweeps import sweep_conditions
 from reports.films import FilmSource, film_settings
@@ -123,8 +122,6 @@ def evaluate_simulated(
             swept = predict(conditions, unlike, folder.path / SWEPT, bench.backend)
         with clock.stage("pictures"):
             simulated_pictures(folder, comparison, records, suited)
-        with clock.stage("responses"):
-            write_responses(folder, comparison, suited)
         return swept.failed
 
     return bench.compare([comparison], source.seed, tabulate, beside=beside)

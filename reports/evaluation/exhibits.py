@@ -9,8 +9,6 @@ from matplotlib.figure import Figure
 from reports.captured.evidence import FilmSeen, WrongBits
 from reports.evaluation.sweeps import Sweep
 from reports.render.charts import (
-    INK,
-    MUTED,
     Series,
     draw_series,
     in_style,
@@ -18,8 +16,7 @@ from reports.render.charts import (
     set_accuracy_axis,
     set_ticks,
 )
-from reports.render.tables import Table, number, percent, share_interval
-from reports.run import Response
+from reports.render.tables import Table, percent, share_interval
 
 LEAST = 0.3
 """Accuracy below which a chart draws points at its lower edge."""
@@ -27,8 +24,6 @@ TICK_DISTANCE = 0.075
 """Least distance of two ticks of a swept quantity, as a share of the axis."""
 SEEN = "#1166b0"
 """Colour of the display's outline."""
-GRAY_TICKS = (0, 64, 128, 192, 255)
-"""Gray levels that the axes of a response name."""
 
 
 @in_style
@@ -80,42 +75,6 @@ def sweep_table(sweep: Sweep, swept: pd.DataFrame) -> Table:
         for row in mine.itertuples()
     ]
     return Table(heads, rows)
-
-
-@in_style
-def response_figure(response: Response) -> Figure:
-    """Draw the true camera-display transfer function and what methods find of it."""
-    figure, (panel,) = new_panels()
-    panel.set(xlim=(0, 255), ylim=(0, 255), xlabel="displayed gray level", ylabel="captured")
-    for axis in (panel.xaxis, panel.yaxis):
-        set_ticks(axis, GRAY_TICKS, [f"{level}" for level in GRAY_TICKS])
-        axis.grid(True)
-    panel.fill_between(
-        response.displayed, response.low, response.high, color=MUTED, alpha=0.18, linewidth=0
-    )
-    lines = [Series("true", response.displayed, response.median, colour=INK)]
-    for method, curve in response.found.items():
-        inside = [(displayed, captured) for displayed, captured in curve if 0 <= displayed <= 255]
-        if inside:
-            x, y = zip(*inside, strict=True)
-            lines.append(Series(method, x, y))
-    draw_series(panel, lines)
-    return figure
-
-
-def response_table(responses: Sequence[Response]) -> Table:
-    """Make the table of errors of the responses that methods find, means over frame pairs."""
-    errors = pd.DataFrame([r.error for r in responses])
-    places = [r.pair for r in responses], [r.view_deg for r in responses]
-    rows = [
-        [f"{pair}, {view:g}°", f"{len(mine)}", *(number(mean, 1) for mean in mine.mean())]
-        for (pair, view), mine in errors.groupby(list(places), sort=False)
-    ]
-    title = (
-        "Root mean square error of the displayed level that a method finds, gray levels; mean over "
-        "frame pairs"
-    )
-    return Table(["frame pairs of", "n", *errors.columns], rows, title)
 
 
 @in_style

@@ -43,7 +43,6 @@ SECTIONS = {
     "paper": "The paper’s tables",
     "sweeps": "Sweeps",
     "reliability": "Reliability",
-    "cdtf": "CDTF",
     "pictures": "Worst read",
     "provenance": "Provenance",
 }
@@ -88,7 +87,6 @@ def report_page(run: Run) -> str:
         "paper": paper_tables(run),
         "sweeps": swept_accuracies(run.swept),
         "reliability": curves,
-        "cdtf": run.responses,
         "pictures": run.stories,
     }
     return render(

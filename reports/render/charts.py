@@ -95,8 +95,6 @@ class Series:
     intervals: Sequence[Sequence[float]] = ()
     """Lower and upper ends of the intervals of ``y``; empty for a line whose values are not marked.
     """
-    colour: str = ""
-    """Colour as "#rrggbb"; `colour_of` the label where it is empty."""
     name: str = ""
     """Text in the legend; the label where it is empty."""
 
@@ -219,7 +217,7 @@ def draw_series(panel: Axes, series: Sequence[Series], legend: str = "beside") -
     """
     low, high = sorted(panel.get_ylim())
     for number, line in enumerate(series):
-        colour = line.colour or colour_of(line.label)
+        colour = colour_of(line.label)
         shift = 2.4 * (number - (len(series) - 1) / 2) / 72 if line.intervals else 0.0
         moved = panel.transData + ScaledTranslation(shift, 0, panel.figure.dpi_scale_trans)
         look: dict[str, Any] = {"color": colour, "clip_on": False, "transform": moved}
@@ -234,7 +232,7 @@ def draw_series(panel: Axes, series: Sequence[Series], legend: str = "beside") -
         Line2D(
             [],
             [],
-            color=line.colour or colour_of(line.label),
+            color=colour_of(line.label),
             marker=marker_of(line.label) if line.intervals else "",
             label=line.name or line.label,
         )

@@ -54,7 +54,6 @@ def test_a_whole_run_is_read(run: Path) -> None:
     ("stories.json", "[NaN]", "finite"),
     ("predictions.jsonl", "{}\n", "line 1, method"),
     ("predictions.jsonl", "\xff", "not"),
-    ("response.json", "", "not JSON"),
 )
 def test_damage_is_told_with_its_file(file: str, text: str, message: str, run: Path) -> None:
     (run / file).write_bytes(text.encode("latin-1"))

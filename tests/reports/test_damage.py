@@ -16,7 +16,7 @@ from reports.evaluation.page import write_report
 from reports.evaluation.versus import compare_runs
 from reports.run import Run
 
-JSON = ("run.json", "stories.json", "response.json")
+JSON = ("run.json", "stories.json")
 """Files that --report reads, and that the tests damage."""
 CONTENTS: dict[str, bytes | None] = {
     "empty": b"",

@@ -1,4 +1,4 @@
-"""What evaluate.py measures beside the predictions: sweeps, pictures, responses."""
+"""What evaluate.py measures beside the predictions: sweeps and pictures."""
 
 from pathlib import Path
 from typing import Any
@@ -9,10 +9,7 @@ import pytest
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import PAIRS
 from link.layout import Layout, make_layout
-from link.ratex import training_pixels
-from reports.engine.methods import Method
 from reports.engine.records import to_records
-from reports.evaluation.response import measure_response
 from reports.evaluation.stories import worst_stories
 from reports.evaluation.sweeps import SWEEPS, SWEPT_PAIRS, condition_values, sweep_conditions
 
@@ -62,16 +59,3 @@ def test_the_worst_captures_are_drawn_and_unknown_bits_are_not_counted(tmp_path:
         assert [story.method for story in stories] == shown
         assert [story.pictures[-1][1] for story in stories] == captions
         assert all((tmp_path / file).is_file() for story in stories for file, _ in story.pictures)
-
-
-@pytest.mark.slow
-def test_the_true_response_rises_and_lies_in_its_band(layout: Layout) -> None:
-    pair = FramePair(Source(layout), Cell("canon-lg", 45.0, 5), 0)
-    found = measure_response(pair, [Method("naive"), Method("two_step"), Method("blind")])
-    low, median, high = (np.array(v) for v in (found.low, found.median, found.high))
-    assert np.all(np.diff(median) > -1)
-    assert np.all((low <= median) & (median <= high))
-    assert set(found.found) == set(found.error) == {"naive", "two_step"}
-    pixels = training_pixels(layout, 5)
-    seen = pair.rectified.original[pixels.y, pixels.x].mean()
-    assert found.found["naive"][0][1] <= seen <= found.found["naive"][-1][1]

@@ -295,7 +295,7 @@ def test_texts_of_a_table_come_back_as_they_were(head: str, content: str) -> Non
 
 
 def test_legends_have_one_order_whatever_a_chart_shows() -> None:
-    named = ["true", "naive", "oorc", "learned"]
+    named = ["mine", "naive", "oorc", "learned"]
     for heights in ((1.0, 2.0, 3.0, 4.0), (4.0, 1.0, 3.0, 2.0)):
         _, (panel,) = new_panels()
         lines = [Series(n, [0.0], [y], [(y, y)]) for n, y in zip(named, heights, strict=True)]
