@@ -1,4 +1,4 @@
-"""Compare decoders: python evaluate.py --out DIR, or --quick, or --captures FILM --sent PLAYER.
+"""Compare decoders: python evaluate.py --out DIR, or --captures FILM --sent PLAYER.
 
 Predict, score, render: every frame pair is decoded once to predictions.jsonl, which is scored to
 metrics.json and shown beside the paper's numbers in tables and in report.html. --report DIR builds
@@ -33,10 +33,8 @@ from reports.evaluation.comparison import (
 )
 from reports.evaluation.page import write_report
 from reports.evaluation.settings import (
-    QUICK_FRAMES,
     EvaluateConfig,
     check_settings,
-    chosen_sweeps,
     decisive_settings,
 )
 from reports.evaluation.versus import compare_runs
@@ -58,8 +56,6 @@ def main() -> None:
         print(f"{text}\n\nwritten: {page}")
         return
     config = replace(config, pairs=pair_names(config.pairs))
-    if config.quick:
-        config = replace(config, frames=min(config.frames, QUICK_FRAMES))
     check_settings(config)
     backend = make_backend(config.backend, config.jobs, config.scheduler)
     comparisons = compared(config)
@@ -85,7 +81,7 @@ def main() -> None:
         elif config.films:
             failed = bench.compare(comparisons, config.seed, film_tables)
         elif config.captures is None:
-            failed = evaluate_simulated(bench, comparisons[0], chosen_sweeps(config), config.quick)
+            failed = evaluate_simulated(bench, comparisons[0])
         else:
             captures = config.out / CAPTURES if door else config.captures
             notes = door.record(captures) if door else []

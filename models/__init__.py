@@ -54,8 +54,6 @@ class Card:
     checkpoint: Callable[[Layout], Path] | None = None
     """Chooses, by the layout, the folder of the checkpoint that it loads where no other is named;
     None for untrained ones."""
-    twin_of: str = ""
-    """Method that decides the same by other means; sweeps and curves show that one alone."""
 
 
 DECODERS = {
@@ -69,7 +67,6 @@ DECODERS = {
         "#7b61c9",
         "o",
         frames="both",
-        twin_of="oorc",
     ),
     "learned": Card(
         "models.phi.methods:Learned",

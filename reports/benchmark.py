@@ -92,7 +92,7 @@ def run_benchmark(bench: Bench) -> list[str]:
     def tabulate(records: pd.DataFrame) -> list[Table]:
         return [benchmark_table(pooled(records), [condition.name for condition in conditions])]
 
-    def write_result(predicted: Predicted, clock: StageTimes) -> list[str]:
+    def write_result(predicted: Predicted, clock: StageTimes) -> None:
         with clock.stage("digests"):
             digests = {
                 conditions[outcome.index].name: outcome.result or "failed"
@@ -115,7 +115,6 @@ def run_benchmark(bench: Bench) -> list[str]:
             "failed_cells": predicted.failed,
         }
         write_json(bench.folder.path / RESULT, result)
-        return []
 
     return bench.compare(conditions, SEED, tabulate, beside=write_result)
 

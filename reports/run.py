@@ -4,7 +4,6 @@
 |---|---|
 | config.json | the settings that decide the result; written first |
 | predictions.jsonl, metrics.json, metrics.csv, tables.md | the main comparison |
-| sweeps.jsonl | the predictions of the sweeps |
 | *.jsonl.part | predictions of a run that is under way or was cut off (`reports.engine.predict`) |
 | stories.json, stories/ | the captures that are read worst, as pictures |
 | films.json | what the receiver saw of films, and where bits are wrong |
@@ -37,10 +36,8 @@ MAX_PICTURE_BYTES = 64 * 2**20
 """Largest size, in bytes, of a picture of a stored run that the report shows."""
 REPORT = "report.html"
 """Name of the page of a run."""
-PREDICTIONS, SWEPT = "predictions.jsonl", "sweeps.jsonl"
-"""Names of the files of the predictions of the main comparison, and of the sweeps."""
-STORIES = "stories.json"
-"""Name of the file that lists the pictures."""
+PREDICTIONS, STORIES = "predictions.jsonl", "stories.json"
+"""Names of the files of the predictions, and of the pictures."""
 CSV = "metrics.csv"
 """Name of the file of the scores that spreadsheets and pandas read: a row a cell and method."""
 CONFIG = "config.json"
@@ -90,8 +87,6 @@ class Run:
     """Predictions of the main comparison."""
     scores: pd.DataFrame
     """Score table of the main comparison."""
-    swept: pd.DataFrame
-    """Predictions of all sweeps; `reports.evaluation.sweeps` names their conditions."""
     stories: list[Story]
     """Captures that the report shows as pictures."""
     films: FilmEvidence | None
@@ -243,9 +238,6 @@ class RunFolder:
                 about=about,
                 records=records,
                 scores=score(records, in_paper=not about.settings.get("films")),
-                swept=read_predictions(self.path / SWEPT)
-                if is_file(self.path / SWEPT)
-                else records[:0],
                 stories=self._read(STORIES, list[Story]) or [],
                 films=self._read(FILMS, FilmEvidence),
             )

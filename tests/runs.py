@@ -8,24 +8,18 @@ import numpy as np
 from link.images import write_image
 from reports.engine.checked import write_json, write_sealed
 from reports.engine.records import to_records
-from reports.run import (
-    PREDICTIONS,
-    STORIES,
-    SWEPT,
-    RunFolder,
-    Story,
-)
+from reports.run import PREDICTIONS, STORIES, RunFolder, Story
 
 META = {"simulated": True, "seed": 0, "command": "python evaluate.py"}
 
 
-def prediction(method: str, index: int, condition: str = "") -> dict[str, Any]:
+def prediction(method: str, index: int) -> dict[str, Any]:
     """A prediction of eight bits, the first of which are wrong, as a run stores it."""
     bits = [(index + i) % 2 for i in range(8)]
     wrong = {"naive": 3, "oorc": 2}.get(method, 0)
     scores = [(2.5 if bit else -2.5) * (-1 if i < wrong else 1) for i, bit in enumerate(bits)]
     cell = {"method": method, "pair": "canon-lg", "view_deg": 45.0, "kappa": 3, "index": index}
-    return {"condition": condition, **cell, "picture": "p", "bits": bits, "scores": scores}
+    return {**cell, "picture": "p", "bits": bits, "scores": scores}
 
 
 def write_run(path: Path) -> None:
@@ -35,9 +29,6 @@ def write_run(path: Path) -> None:
     main = [prediction(m, i) for m in ("naive", "oorc", "learned") for i in range(5)]
     write_sealed(path / PREDICTIONS, main)
     run.write_comparison(to_records(main), META, "tables")
-    conditions = ("kappa 1", "kappa 2", "jpeg 50")
-    swept = [prediction(m, 0, condition) for condition in conditions for m in ("oorc", "learned")]
-    write_sealed(path / SWEPT, swept)
     write_image(path / "stories" / "a.jpg", np.zeros((20, 20, 3), np.uint8))
     shown = [("stories/a.jpg", "caption")]
     write_json(path / STORIES, [Story("oorc", "where", shown)])

@@ -28,14 +28,13 @@ from reports.engine.predict import (
 )
 from reports.engine.provenance import provenance
 from reports.evaluation.stories import simulated_pictures, worst_stories
-from reports.evaluation.sweeps import sweep_conditions
 from reports.films import FilmSource, film_settings
 from reports.render.tables import Table, cell_tables, information_table, summary_table
-from reports.run import PREDICTIONS, STORIES, SWEPT, RunFolder
+from reports.run import PREDICTIONS, STORIES, RunFolder
 from reports.score.accuracy import score
 
-Beside = Callable[[Predicted, StageTimes], list[str]]
-"""Writes more beside what was decoded, and gives a line for each cell that failed on the way."""
+Beside = Callable[[Predicted, StageTimes], None]
+"""Writes more beside what was decoded."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,7 @@ class Bench:
         tabulate: Callable[[pd.DataFrame], Sequence[Table]],
         *,
         simulated: bool = True,
-        beside: Beside = lambda predicted, clock: [],
+        beside: Beside = lambda predicted, clock: None,
         notes: Sequence[str] = (),
         **stated: str,
     ) -> list[str]:
@@ -86,23 +85,19 @@ class Bench:
         print(*notes, sep="\n", end="\n" * bool(notes))
         written = f"written: {folder.path}/predictions.jsonl, metrics.json, tables.md"
         print(*tables, written, sep="\n\n")
-        failed = predicted.failed + beside(predicted, clock)
-        folder.finish(meta, clock.spent, [*notes, *failed], **stated)
-        return failed
+        beside(predicted, clock)
+        folder.finish(meta, clock.spent, [*notes, *predicted.failed], **stated)
+        return predicted.failed
 
 
-def evaluate_simulated(
-    bench: Bench, comparison: Condition, sweeps: Sequence[str], quick: bool
-) -> list[str]:
+def evaluate_simulated(bench: Bench, comparison: Condition) -> list[str]:
     """Compare methods on simulated frame pairs, with `Bench.compare`.
 
     Args:
         bench: methods, folder and backend.
         comparison: cells that are compared.
-        sweeps: names of the sweeps that are measured for the report.
-        quick: whether sweeps have fewer values.
     """
-    source, folder = comparison.source, bench.folder
+    source = comparison.source
 
     def tabulate(records: pd.DataFrame) -> list[Table]:
         scores = score(records)
@@ -110,19 +105,10 @@ def evaluate_simulated(
         title = f"All cells (simulated captures, {kind})"
         return [*cell_tables(scores), summary_table(scores, title)]
 
-    def beside(predicted: Predicted, clock: StageTimes) -> list[str]:
-        records = predicted.records
-        if not bench.html:
-            return []
-        suited = [m for m in bench.methods if m.label in set(records["method"])]
-        with clock.stage("sweeps"):
-            fewer = max(1, 2 * comparison.frames // 3)
-            conditions = sweep_conditions(sweeps, source, fewer, quick)
-            unlike = [method for method in suited if not method.card.twin_of]
-            swept = predict(conditions, unlike, folder.path / SWEPT, bench.backend)
-        with clock.stage("pictures"):
-            simulated_pictures(folder, comparison, records, suited)
-        return swept.failed
+    def beside(predicted: Predicted, clock: StageTimes) -> None:
+        if bench.html:
+            with clock.stage("pictures"):
+                simulated_pictures(bench.folder, comparison, predicted.records, bench.methods)
 
     return bench.compare([comparison], source.seed, tabulate, beside=beside)
 
@@ -181,7 +167,7 @@ def evaluate_folder(
         windows = any(entry.is_window for entry in entries)
         return [*tables, information_table(records)] if windows else tables
 
-    def beside(predicted: Predicted, clock: StageTimes) -> list[str]:
+    def beside(predicted: Predicted, clock: StageTimes) -> None:
         records = predicted.records
         if any("time_s" in entry.meta for entry in entries):
             with clock.stage("counting"):
@@ -193,7 +179,6 @@ def evaluate_folder(
                     records, lambda row: entries[row["index"]].load(), folder.path
                 )
                 write_json(folder.path / STORIES, stories)
-        return []
 
     unlike = any(entry.layout.ratex and not entry.meta.get("equalised") for entry in entries)
     if unlike and any(method.label == "hidden_ratex" for method in bench.methods):

@@ -1,80 +1,22 @@
 """Tables and figures of one run, as its page shows them."""
 
-import math
 from collections.abc import Sequence
 
 import pandas as pd
 from matplotlib.figure import Figure
 
 from reports.captured.evidence import FilmSeen, WrongBits
-from reports.evaluation.sweeps import Sweep
 from reports.render.charts import (
     Series,
     draw_series,
     in_style,
     new_panels,
     set_accuracy_axis,
-    set_ticks,
 )
-from reports.render.tables import Table, percent, share_interval
+from reports.render.tables import Table
 
-LEAST = 0.3
-"""Accuracy below which a chart draws points at its lower edge."""
-TICK_DISTANCE = 0.075
-"""Least distance of two ticks of a swept quantity, as a share of the axis."""
 SEEN = "#1166b0"
 """Colour of the display's outline."""
-
-
-@in_style
-def sweep_figure(sweep: Sweep, swept: pd.DataFrame) -> Figure:
-    """Draw accuracy against a swept quantity, a line a method.
-
-    Args:
-        sweep: what was swept.
-        swept: its rows of `reports.evaluation.sweeps.swept_accuracies`.
-    """
-    figure, (panel,) = new_panels()
-    values = swept["value"].unique().tolist()
-    place = math.log if sweep.log else float
-    span = place(max(values)) - place(min(values)) or 1.0
-    ticks: list[float] = []
-    for value in values:
-        if not ticks or (place(value) - place(ticks[-1])) / span > TICK_DISTANCE:
-            ticks.append(value)
-    if sweep.log:
-        factor = math.exp(0.03 * span)
-        panel.set(xscale="log", xlim=(min(values) / factor, max(values) * factor))
-    else:
-        panel.set_xlim(min(values) - 0.03 * span, max(values) + 0.03 * span)
-    set_ticks(panel.xaxis, ticks, [f"{tick:.3g}" for tick in ticks])
-    panel.set_xlabel(sweep.axis)
-    set_accuracy_axis(panel, max(LEAST, swept["accuracy"].min()))
-    lines = [
-        Series(method, mine["value"], mine["accuracy"], mine[["low", "high"]].values.tolist())
-        for method, mine in swept.groupby("method", sort=False)
-    ]
-    draw_series(panel, lines)
-    return figure
-
-
-def sweep_table(sweep: Sweep, swept: pd.DataFrame) -> Table:
-    """Make the table of a sweep's accuracies: a row for each method and value."""
-    heads = ["method", sweep.axis, "frame pairs", "bits", "wrong", "right %", "95 % interval"]
-    rows = [
-        [
-            row.method,
-            f"{row.value:g}",
-            f"{row.frames}",
-            f"{row.bits:,}",
-            f"{row.errors}",
-            percent(row.accuracy),
-            share_interval(row.low, row.high),
-        ]
-        for _, mine in swept.groupby("method", sort=False)
-        for row in mine.itertuples()
-    ]
-    return Table(heads, rows)
 
 
 @in_style

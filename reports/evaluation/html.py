@@ -15,7 +15,6 @@ ENVIRONMENT = jinja2.Environment(
     lstrip_blocks=True,
 )
 """Compiles the templates; every text is escaped, and a name that is not given is an error."""
-ENVIRONMENT.filters.update(count="{:,}".format)
 
 
 def render(template: str, colours: Mapping[str, str], **content: object) -> str:

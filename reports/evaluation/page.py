@@ -18,7 +18,6 @@ from reports.ablation.results import Ablation, compare_rows
 from reports.evaluation import exhibits
 from reports.evaluation.html import render
 from reports.evaluation.settings import OF_SIMULATION
-from reports.evaluation.sweeps import swept_accuracies
 from reports.evaluation.versus import MAIN
 from reports.render.charts import colour_of, to_svg
 from reports.render.reliability import SHOWN_BITS, calibration_table, reliability_figure
@@ -41,7 +40,6 @@ SECTIONS = {
     "films": "Films",
     "by": "By angle, picture and pair",
     "paper": "The paper’s tables",
-    "sweeps": "Sweeps",
     "reliability": "Reliability",
     "pictures": "Worst read",
     "provenance": "Provenance",
@@ -85,7 +83,6 @@ def report_page(run: Run) -> str:
         "films": run.films,
         "by": {name: mine for name, part in parts.items() if (mine := tables_by(part.records))},
         "paper": paper_tables(run),
-        "sweeps": swept_accuracies(run.swept),
         "reliability": curves,
         "pictures": run.stories,
     }

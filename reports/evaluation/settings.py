@@ -19,29 +19,17 @@ from link.layout import Layout
 from models import OF_PAIRS
 from reports.engine.methods import PROTOCOLS, Method
 from reports.engine.predict import checkpoint_digest
-from reports.evaluation.sweeps import SWEEPS
 
 UNDECISIVE = ("out", "jobs", "backend", "scheduler", "show", "html", "report", "compare")
 """Flags that decide no number, and so are no part of a run's settings."""
-REFERENCE = ("pairs", "views", "kappas", "pictures", "without", "set")
-"""Flags that the reference comparison, with the paper's 36 cells, leaves as they usually are."""
-OF_SIMULATION = (*REFERENCE, "frames", "sweeps", "quick", "ratex")
+OF_CELLS = ("pairs", "views", "kappas", "pictures", "without", "set", "frames")
+"""Flags that say which frame pairs are simulated."""
+OF_SIMULATION = (*OF_CELLS, "ratex")
 """Settings that say what is simulated. They say nothing of captures from a folder."""
-OF_BENCHMARK = (
-    *REFERENCE,
-    "films",
-    "frames",
-    "sweeps",
-    "quick",
-    "captures",
-    "ablation",
-    "protocol",
-)
+OF_BENCHMARK = (*OF_CELLS, "films", "captures", "ablation", "protocol")
 """Flags that have no effect with --benchmark, which fixes its conditions, and so are refused."""
 OF_RECORDINGS = ("photos", "camera", "view", "fps")
 """Flags that say more of own recordings."""
-QUICK_FRAMES = 4
-"""Largest number of frame pairs of each cell that ``evaluate.py --quick`` decodes."""
 
 
 @own_first
@@ -53,9 +41,6 @@ class EvaluateConfig(SourceFlags):
     """Folder for predictions.jsonl, metrics.json, tables.md and report.html. If it holds an
     unfinished run of the same settings, that run goes on. A folder that holds another run, or that
     another process is writing, is refused."""
-    quick: bool = False
-    """Decode at most 4 frame pairs in each cell, and fewer values in each sweep, which takes three
-    minutes on two cores."""
     methods: tuple[str, ...] = OF_PAIRS
     """Decoders to compare, or "package.module:Class" for your own (docs/extend.md); by default all
     that read frame pairs, or all decoders where films are decoded. Options follow the name, as in
@@ -98,9 +83,6 @@ class EvaluateConfig(SourceFlags):
     frames: int = 15
     """Number of frame pairs in each cell; the paper has 25 (text) to 75 (15 pictures with 5
     messages each)."""
-    sweeps: tuple[str, ...] | None = None
-    """Sweeps to add, by their names in reports/evaluation/sweeps.py; by default all of them where
-    the paper's 36 cells are compared, and none elsewhere."""
     protocol: str = "fair"
     """Rule for thresholds: "fair" sets them anew in each frame pair, "paper" fixes them as the
     paper does."""
@@ -131,8 +113,6 @@ def check_settings(config: EvaluateConfig) -> None:
     each_once(methods=config.methods)
     if config.run is not None and "learned" not in [m.partition(":")[0] for m in config.methods]:
         raise ParameterError("run", "is a checkpoint of learned, which is not among the methods")
-    for name in config.sweeps or ():
-        choose(SWEEPS, name, "sweep")
     choose(PROTOCOLS, config.protocol, "protocol")
     needed = (config.captures, config.sent)
     if config.captures is None and config.sent is not None:
@@ -162,14 +142,6 @@ def first_set(config: EvaluateConfig, flags: Sequence[str]) -> str:
     """
     usual = EvaluateConfig()
     return next((flag for flag in flags if getattr(config, flag) != getattr(usual, flag)), "")
-
-
-def chosen_sweeps(config: EvaluateConfig) -> tuple[str, ...]:
-    """List the sweeps that were named, or all of them beside the reference comparison."""
-    if config.sweeps is not None:
-        return config.sweeps
-    usual = config.layout() == EvaluateConfig().layout() and not first_set(config, REFERENCE)
-    return tuple(SWEEPS) if usual and not config.ablation else ()
 
 
 def decisive_settings(

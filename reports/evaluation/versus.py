@@ -11,7 +11,6 @@ from link.errors import InputError
 from link.files.lock import locked
 from link.images import write_bytes
 from reports.evaluation.html import render
-from reports.evaluation.sweeps import SWEEPS, condition_values
 from reports.render.charts import colour_of
 from reports.render.tables import Table, TableCell, difference_interval, number, percent, tint_of
 from reports.run import Run, RunFolder
@@ -25,7 +24,7 @@ SAME = (
 COMPARE_PAGE = "compare.html"
 """Name of the page that a comparison writes into the folder of the second run."""
 MAIN = "main comparison"
-"""Name of the comparison that is not part of a sweep."""
+"""Name of what a run compares, where its conditions have no names."""
 HEADS = (
     "method", "A right %", "B right %", "B less A, points", "95 % interval", "errors of B / A",
     "bits only B / only A has right", "McNemar p", "frame pairs", "bits",
@@ -45,26 +44,24 @@ def compare_runs(folder_a: Path, folder_b: Path) -> tuple[str, Path]:
     """
     a, b = RunFolder(folder_a).read(), RunFolder(folder_b).read()
     refuse_mismatch(a, b)
-    tables = match_runs(a, b)
-    methods = {str(row[0]) for table in tables for row in table.rows}
+    table = match_runs(a, b)
+    methods = {str(row[0]) for row in table.rows}
     notes = remarks(a, b, methods)
     colours = {method: colour_of(method) for method in sorted(methods)}
-    titles = [table.title[:1].upper() + table.title[1:] for table in tables]
-    sections = {f"part{number}": title for number, title in enumerate(titles)}
     text = render(
         "compare.html.j2",
         colours,
         runs={"A": a, "B": b},
         simulated=a.simulated,
-        tables=dict(zip(sections, tables, strict=True)),
+        compared=table,
         notes=notes,
-        sections={**sections, "notes": "Notes"},
+        sections={"compared": MAIN.capitalize(), "notes": "Notes"},
     )
     path = folder_b / COMPARE_PAGE
     with locked(folder_b):
         write_bytes(path, text.encode())
     head = f"A: {a.folder}, B: {b.folder}; paired on identical captures"
-    return "\n\n".join([head, *(table.markdown() for table in tables), *notes]), path
+    return "\n\n".join([head, table.markdown(), *notes]), path
 
 
 def refuse_mismatch(a: Run, b: Run) -> None:
@@ -84,35 +81,27 @@ def refuse_mismatch(a: Run, b: Run) -> None:
         raise InputError(f"one of {a.folder} and {b.folder} is simulated and the other is not")
 
 
-def match_runs(a: Run, b: Run) -> list[Table]:
-    """Compare every method of both runs: a table of the main comparison, and one of each sweep.
+def match_runs(a: Run, b: Run) -> Table:
+    """Compare every method of both runs.
 
     Raises:
         InputError: a method was sent other bits in one run, or nothing is shared.
     """
-    places = {MAIN: (a.records, b.records)}
-    for name, sweep in SWEEPS.items():
-        conditions = condition_values(name)
-        left, right = (run.swept[run.swept["condition"].isin(conditions)] for run in (a, b))
-        places[f"sweep: {sweep.title}"] = (left, right)
-    tables = []
-    for where, (left, right) in places.items():
-        theirs, rows = set(right["method"]), []
-        for method in (str(m) for m in left["method"].unique() if m in theirs):
-            counts = _shared_counts(left, right, method)
-            if counts is None:
-                raise InputError(
-                    f"{method} was sent other bits in {a.folder} than in {b.folder}; "
-                    "the runs are not of the same captures"
-                )
-            if counts[COUNTS[0]].sum():
-                rows.append(_cells(method, counts[COUNTS].to_numpy()))
-        tables += [Table(HEADS, rows, where)] if rows else []
-    if not tables:
+    rows = []
+    for method in (name for name in a.methods if name in b.methods):
+        counts = _shared_counts(a.records, b.records, method)
+        if counts is None:
+            raise InputError(
+                f"{method} was sent other bits in {a.folder} than in {b.folder}; "
+                "the runs are not of the same captures"
+            )
+        if counts[COUNTS[0]].sum():
+            rows.append(_cells(method, counts[COUNTS].to_numpy()))
+    if not rows:
         raise InputError(
             f"{a.folder} and {b.folder} share no method on a frame pair with known bits"
         )
-    return tables
+    return Table(HEADS, rows, MAIN)
 
 
 def remarks(a: Run, b: Run, methods: set[str]) -> list[str]:

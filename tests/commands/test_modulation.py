@@ -32,7 +32,6 @@ from reports.engine.methods import Method
 from reports.engine.predict import Condition, predict
 from reports.engine.records import read_predictions
 from reports.evaluation.settings import decisive_settings
-from reports.evaluation.sweeps import sweep_conditions
 
 FINE = ("--rows", 12, "--cols", 16, "--modulation", "antipodal", "--pilots", "auto")
 FINE_LAYOUT = make_layout(12, 16, modulation="antipodal", pilots=32)
@@ -243,16 +242,6 @@ def test_methods_that_train_on_what_the_layout_lacks_are_left_out(tmp_path: Path
         assert line.startswith(f"bare: {method.label}: {reason}")
     with pytest.raises(InputError, match="no method suits what is decoded; bare: naive: left out"):
         predict([bare], methods[:1], tmp_path / "none.jsonl", Backend())
-
-
-def test_the_sweep_of_patches_keeps_the_rest_of_the_layout() -> None:
-    base = Source(FINE_LAYOUT)
-    conditions = sweep_conditions(("ratex", "kappa"), base, 1, quick=True)
-    layouts = [condition.source.layout for condition in conditions]
-    assert [len(layout.ratex) for layout in layouts[:3]] == [1, 3, 5]
-    for layout in layouts[:3]:
-        assert replace(layout, ratex=(), pilots=32) == FINE_LAYOUT
-    assert set(layouts[3:]) == {FINE_LAYOUT}
 
 
 def test_flags_make_every_layout_of_the_contract() -> None:

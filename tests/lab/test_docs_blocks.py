@@ -14,8 +14,8 @@ from reports.render.tables import cell_tables
 from reports.score.accuracy import read_scores
 
 README = (ROOT / "README.md").read_text()
-FEW = "--quick --sweeps ratex --views 45 --kappas 3 --pairs"
-"""Flags of `evaluate.py` for one cell of a camera-display pair and one short sweep."""
+FEW = "--views 45 --kappas 3 --pairs"
+"""Flags of `evaluate.py` for one cell of a camera-display pair."""
 
 
 def shell_blocks() -> list[str]:

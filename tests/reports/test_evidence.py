@@ -1,38 +1,14 @@
-"""What evaluate.py measures beside the predictions: sweeps and pictures."""
+"""The captures that are read worst, which evaluate.py draws."""
 
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 
 from data_gen.frame_pair import Cell, FramePair, Source
-from data_gen.pairs import PAIRS
-from link.layout import Layout, make_layout
+from link.layout import make_layout
 from reports.engine.records import to_records
 from reports.evaluation.stories import worst_stories
-from reports.evaluation.sweeps import SWEEPS, SWEPT_PAIRS, condition_values, sweep_conditions
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", SWEEPS)
-def test_every_value_of_a_sweep_can_be_filmed(name: str, layout: Layout) -> None:
-    sweep = SWEEPS[name]
-    assert set(sweep.quick) <= set(sweep.values)
-    assert list(sweep.values) == sorted(sweep.values)
-    conditions = sweep_conditions([name], Source(layout), 1, quick=False)
-    assert [c.name for c in conditions] == list(condition_values(name))
-    assert len({(c.source, c.cells) for c in conditions}) == len(conditions)
-    for condition in (conditions[0], conditions[-1]):
-        cell = Cell("canon-lg", condition.cells[0].view_deg, condition.cells[0].kappa)
-        assert FramePair(condition.source, cell, 0).captured.kappa == cell.kappa
-
-
-def test_sweeps_use_every_camera_and_display_alike() -> None:
-    for pairs, count in ((SWEPT_PAIRS, 2), (SWEPT_PAIRS[:3], 1)):
-        assert set(pairs) <= set(PAIRS)
-        names = [part for pair in pairs for part in pair.split("-")]
-        assert {names.count(name) for name in names} == {count}
 
 
 def test_the_worst_captures_are_drawn_and_unknown_bits_are_not_counted(tmp_path: Path) -> None:

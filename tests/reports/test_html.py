@@ -9,7 +9,7 @@ from typing import Any
 
 import html5lib
 import pytest
-from conftest import Command, MakeOnce, OpenWindow, Refuses, cases, run_main
+from conftest import Command, MakeOnce, OpenWindow, Refuses, run_main
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -18,8 +18,6 @@ from reports.engine.checked import write_json, write_sealed
 from reports.engine.records import to_records
 from reports.evaluation.html import render
 from reports.evaluation.page import SECTIONS, ranked_comparisons, write_report
-from reports.evaluation.settings import chosen_sweeps
-from reports.evaluation.sweeps import SWEEPS, SWEPT_PAIRS, condition_values
 from reports.render.charts import (
     ACCURACY_TICKS,
     Series,
@@ -35,14 +33,12 @@ from reports.render.charts import (
 )
 from reports.render.tables import Table, TableCell
 from reports.run import CSV, PREDICTIONS, STORIES, RunFolder, Story
-from reports.score.accuracy import score
 
 META = {"simulated": True, "seed": 0, "command": "python evaluate.py"}
 MACHINE_FREE = ("src", "href", "data", "poster", "srcset", "action", "xlink:href")
 """Attributes by which a document loads something."""
 TINY = ["--pairs", "canon-lg", "nikon-imac", "--views", "45", "--kappas", "3", "--jobs", "1"]
-TINY += ["--quick", "--methods", "naive", "oorc", "hidden_ratex", "learned", "--frames", "2"]
-QUICK_PAIRS = SWEPT_PAIRS[:3]
+TINY += ["--methods", "naive", "oorc", "hidden_ratex", "learned", "--frames", "2"]
 
 
 class Checked:
@@ -85,10 +81,10 @@ def check_page(file: Path) -> Checked:
 
 @pytest.fixture(scope="module")
 def tiny(make_once: MakeOnce) -> Path:
-    """A quick run of two cells and a sweep, by one process; tests only read it."""
+    """A run of two cells, by one process; tests only read it."""
 
     def fill(folder: Path) -> None:
-        run_main(evaluate.main, *TINY, "--sweeps", "ratex", "--out", folder)
+        run_main(evaluate.main, *TINY, "--out", folder)
 
     return make_once("tiny", fill)
 
@@ -105,26 +101,6 @@ def test_the_page_has_every_section_and_needs_no_network(tiny: Path) -> None:
     assert headings == list(shown.values())
     assert "All numbers are of simulated captures" in checked.header
     assert (tiny / "report.html").stat().st_size < 8e6
-
-
-@pytest.mark.slow
-def test_sweeps_state_every_point_with_its_size(tiny: Path) -> None:
-    text = check_page(tiny / "report.html").text["sweeps"]
-    run = RunFolder(tiny).read()
-    scores = score(run.swept)
-    assert len(scores["condition"].unique()) == len(SWEEPS["ratex"].quick)
-    for condition, patches in condition_values("ratex").items():
-        rows = scores[scores["condition"] == condition]
-        if rows.empty:
-            continue
-        assert set(rows["pair"]) == set(QUICK_PAIRS)
-        assert set(rows["frames"]) == {1}
-        first = rows[rows["pair"] == QUICK_PAIRS[0]].set_index("method")["bits"]
-        assert first["oorc"] == 64 - patches
-        assert first["hidden_ratex"] == 64
-        mine = rows[rows["method"] == "oorc"]
-        wrong = (mine["bits"] - mine["correct"]).sum()
-        assert f"{mine['bits'].sum():,} {wrong}" in text
 
 
 @pytest.mark.slow
@@ -150,25 +126,6 @@ def test_building_it_again_decodes_nothing_and_gives_the_same_bytes(
     assert (again / "report.html").read_bytes() == before
 
 
-def test_an_unknown_sweep_is_refused_with_the_valid_names(refuses: Refuses) -> None:
-    refuses("evaluate", "--sweeps colour --out .", *SWEEPS)
-
-
-@cases(
-    ({}, tuple(SWEEPS)),
-    ({"frames": 2, "quick": True, "seed": 3, "methods": ("oorc",)}, tuple(SWEEPS)),
-    ({"pairs": ("canon-lg",)}, ()),
-    ({"set": ("drift=0.1",)}, ()),
-    ({"sweeps": ()}, ()),
-    ({"pairs": ("canon-lg",), "sweeps": ("jpeg",)}, ("jpeg",)),
-)
-def test_sweeps_join_the_reference_comparison_alone(
-    flags: dict[str, Any], expected: tuple[str, ...]
-) -> None:
-    config = evaluate.EvaluateConfig(**flags)
-    assert chosen_sweeps(config) == expected
-
-
 def test_without_html_nothing_is_drawn(tmp_path: Path, command: Command) -> None:
     run = ("--pairs", "canon-lg", "--views", 0, "--kappas", 5, "--frames", 1, "--methods", "naive")
     command(evaluate.main, *run, "--jobs", 1, "--no-html", "--out", tmp_path)
@@ -190,7 +147,7 @@ def test_the_page_fits_a_phone_and_a_desk(tiny: Path, open_window: OpenWindow) -
         assert window.evaluate("document.documentElement.scrollWidth") == width
         beyond = window.evaluate(
             "[...document.querySelectorAll('main svg text, main p, main h3, main figcaption')]"
-            ".filter(e => !e.closest('.scroll, details')"
+            ".filter(e => !e.closest('.scroll')"
             f" && e.getBoundingClientRect().right > {width}).map(e => e.textContent)"
         )
         assert beyond == []
@@ -281,9 +238,9 @@ def test_texts_of_a_table_come_back_as_they_were(head: str, content: str) -> Non
         {},
         runs={},
         simulated=True,
-        tables={"part0": table},
+        compared=table,
         notes=[content],
-        sections={"part0": content, "notes": "Notes"},
+        sections={"compared": content, "notes": "Notes"},
     )
     root = Checked(text).root
     first, _ = root.iter("th")
@@ -355,7 +312,7 @@ def test_compare_counts_what_both_decoded(store: Store, command: Command) -> Non
     assert "Only in A: naive." in done.stdout
     assert "Only in B: phi." in done.stdout
     assert "A has 8 frame pairs in its main comparison, B 6; the 6 that both have" in done.stdout
-    assert "oorc 70.00 90.00 +20.00" in check_page(b / "compare.html").text["part0"]
+    assert "oorc 70.00 90.00 +20.00" in check_page(b / "compare.html").text["compared"]
 
 
 def test_compare_matches_captures_whose_cell_is_unknown(store: Store, command: Command) -> None:
@@ -386,16 +343,6 @@ def test_compare_refuses_other_captures(store: Store, refuses: Refuses) -> None:
     ):
         b = store(f"b{number}", lines, **settings)
         refuses("evaluate", ["--compare", a, b], words, folder=b)
-
-
-@pytest.mark.slow
-def test_compare_matches_sweeps_by_value(tiny: Path, tmp_path: Path, command: Command) -> None:
-    shutil.copytree(tiny, tmp_path / "again")
-    done = command(evaluate.main, "--compare", tiny, tmp_path / "again")
-    assert "sweep: Ratex patches" in done.stdout
-    frames = len(QUICK_PAIRS) * len(SWEEPS["ratex"].quick)
-    rows = done.stdout.split("sweep: Ratex patches")[1].splitlines()
-    assert f"| {frames} |" in next(text for text in rows if text.startswith("| oorc"))
 
 
 # Comparisons, and the scale of charts
