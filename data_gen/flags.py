@@ -14,7 +14,7 @@ from data_gen.channel.optics import check_view
 from data_gen.effects import parse_settings
 from data_gen.frame_pair import Cell, Source
 from link.embed import check_kappa
-from link.errors import InputError, ParameterError, at_least
+from link.errors import at_least
 from link.layout import Layout, make_layout
 from link.pilot_code import PLAIN, PilotCode
 
@@ -95,8 +95,6 @@ class SourceFlags(LayoutFlags):
     pictures of it that are a second apart; films play it at its own rate."""
     without: tuple[str, ...] = ()
     """Effects of the channel to switch off, such as drift or moire (data_gen/effects.json)."""
-    display_size: tuple[int, int] | None = None
-    """Width and height of the display, pixels, which pictures fill; by default the layout's."""
     even: bool = False
     """Whether blocks change more where the picture hides more; kappa is then the least change."""
     set: tuple[str, ...] = ()
@@ -110,24 +108,17 @@ class SourceFlags(LayoutFlags):
             split: split whose pictures and channel draws are used, "train" or "test".
 
         Raises:
-            InputError: the layout is impossible, the display too small for it or too large, the
-                seed negative, or a setting is not written as name=value. Names and values of the
-                channel are checked by `Source.pair`.
+            InputError: the layout is impossible, the seed negative, or a setting is not written as
+                name=value. Names and values of the channel are checked by `Source.pair`.
         """
         at_least(0, seed=self.seed)
-        layout = self.layout()
-        try:
-            layout.resized(*(self.display_size or (layout.width, layout.height)))
-        except InputError as error:
-            raise ParameterError("display_size", str(error).removeprefix("layout: ")) from None
         return Source(
-            layout=layout,
+            layout=self.layout(),
             split=split,
             seed=self.seed,
             pictures=self.pictures,
             without=self.without,
             parameters=parse_settings(self.set),
-            display_size=self.display_size,
             even=self.even,
         )
 

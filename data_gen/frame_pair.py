@@ -24,7 +24,6 @@ from link.frames import Captured, Displayed
 from link.images.equalise import equalise
 from link.layout import Layout
 from link.observation import Observation
-from link.placement import Placement
 from link.strength import block_steps
 
 
@@ -56,30 +55,9 @@ class Source:
     """Names of the effects in `effects.EFFECTS` that are switched off."""
     parameters: tuple[tuple[str, Any], ...] = ()
     """Names of parameters of the channel, and the values to which they are set."""
-    display_size: tuple[int, int] | None = None
-    """Width and height of the display, in pixels, which pictures fill; None for the layout's."""
     even: bool = False
     """Whether blocks change by what makes all of them equally visible (`link.strength`), of which
     kappa is the least."""
-
-    @property
-    def shown_size(self) -> tuple[int, int]:
-        """Width and height at which pictures are shown, in pixels."""
-        return self.display_size or (self.layout.width, self.layout.height)
-
-    @property
-    def placement(self) -> Placement:
-        """Placement of pictures on the display."""
-        return Placement(self.shown_size, "cover", self.shown_size)
-
-    @property
-    def display_layout(self) -> Layout:
-        """A layout of the display's size, by which the channel knows where the picture lies.
-
-        Raises:
-            InputError: the display is too small for the grid's blocks, or too large.
-        """
-        return self.layout.resized(*self.shown_size)
 
     def pair(self, name: str) -> Pair:
         """Return the camera-display pair with this source's effects and parameters.
@@ -105,7 +83,7 @@ class Source:
 
 def shuffled_pictures(source: Source) -> Sequence[Picture]:
     """Return the source's pictures; photographs and drawings are mixed in every prefix."""
-    return _shuffled(source.split, source.pictures, *source.shown_size)
+    return _shuffled(source.split, source.pictures, source.layout.width, source.layout.height)
 
 
 @lru_cache(maxsize=4)
@@ -159,17 +137,15 @@ class FramePair:
 
     @cached_property
     def displayed(self) -> Displayed:
-        """Both frames as the display shows them; where it is upright, they lie as the grid does."""
-        bits = self._generators()[0].integers(0, 2, self.layout.n_bits)
-        source, placement = self.source, self.source.placement
-        picture = placement.grid_frame(self.picture.rgb, self.layout)
-        layout = placement.layout(self.layout)
+        """Both frames as the display shows them."""
+        picture, layout = self.picture.rgb, self.layout
+        bits = self._generators()[0].integers(0, 2, layout.n_bits)
         return embed(
             equalise(picture) if self.equalised else picture,
             bits,
             layout,
             self.cell.kappa,
-            steps=block_steps(picture, layout) if source.even else None,
+            steps=block_steps(picture, layout) if self.source.even else None,
         )
 
     @property
@@ -180,16 +156,8 @@ class FramePair:
     @cached_property
     def captured(self) -> Captured:
         """Both frames as the camera stores them, with the grid's corners and the true bits."""
-        (shots, rng), source, shown = self._channel, self.source, self.displayed
-        original, embedded = (
-            source.placement.display_frame(frame, self.layout)
-            for frame in (shown.original, shown.embedded)
-        )
-        shown = replace(shown, original=original, embedded=embedded, layout=source.display_layout)
-        captured = capture_through(shots, shown, self.cell.view_deg, rng)
-        corners = captured.corners
-        if source.placement.turns(self.layout):  # the grid lies where the picture stands
-            corners = np.roll(corners, 1, axis=0)
+        (shots, rng), source = self._channel, self.source
+        captured = capture_through(shots, self.displayed, self.cell.view_deg, rng)
         meta = {
             "picture": self.picture.name,
             "seed": source.seed,
@@ -199,13 +167,7 @@ class FramePair:
             **({"without": list(source.without)} if source.without else {}),
             **({"parameters": dict(source.parameters)} if source.parameters else {}),
         }
-        return replace(
-            captured,
-            layout=self.layout,
-            corners=corners,
-            corners_embedded=corners,
-            meta={**captured.meta, **meta},
-        )
+        return replace(captured, meta={**captured.meta, **meta})
 
     @cached_property
     def rectified(self) -> Observation:
@@ -221,7 +183,7 @@ class FramePair:
         """The shots, and the generator that drew them, which ``captured`` alone goes on to use."""
         rng, source = self.channel_rng(), self.source
         pair = source.pair(self.cell.pair)
-        return draw_shots(source.display_layout, pair, self.cell.view_deg, rng), rng
+        return draw_shots(source.layout, pair, self.cell.view_deg, rng), rng
 
     def _generators(self) -> tuple[np.random.Generator, np.random.Generator]:
         """Return new generators of the message and of the channel."""

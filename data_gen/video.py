@@ -147,19 +147,17 @@ def main() -> None:
     check_carriers(carriers)
     chosen = [pictures[(config.first + k) % len(pictures)].rgb for k in range(config.shown)]
     settings = replace(settings, scene=replace(settings.scene, pictures=pictures))
-    message = config.message.encode()
-    bits = encode(message, source.layout.n_bits)
-    size = source.shown_size
-    loop = Loop(
-        source.layout, cell.kappa, bits, lambda: iter(chosen), display_size=size, even=source.even
-    )
+    layout, message = source.layout, config.message.encode()
+    bits = encode(message, layout.n_bits)
+    size = layout.width, layout.height
+    loop = Loop(layout, cell.kappa, bits, lambda: iter(chosen), display_size=size, even=source.even)
     name = f"film/{config.split}/{cell.pair}/{cell.view_deg:g}"
     rng = np.random.default_rng([config.seed, zlib.crc32(name.encode())])
     states: States = LoopStates(loop)
     if carriers != STILL:
         carrier = open_carrier(carriers, pictures, rng.spawn(1)[0])
         states = MovingStates(loop, carrier, settings.state_hz)
-    stream = film(states, source.display_layout, pair, cell.view_deg, settings, rng)
+    stream = film(states, layout, pair, cell.view_deg, settings, rng)
     folder = config.out if config.out.suffix == "" else config.out.parent
     truth = folder / TRUTH if config.out.suffix == "" else config.out.with_suffix(".jsonl")
     lines: list[str] = []

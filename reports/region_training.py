@@ -175,7 +175,7 @@ def draw_film(split: str, seed: int, number: int) -> DrawnFilm:
         preset.kappa,
         bits,
         lambda: iter([rgb]),
-        display_size=source.shown_size,
+        display_size=(preset.layout.width, preset.layout.height),
         even=preset.even,
     )
     states: States = LoopStates(loop)
@@ -185,7 +185,7 @@ def draw_film(split: str, seed: int, number: int) -> DrawnFilm:
         states = MovingStates(loop, carrier, preset.state_hz, bool(rng.random() < IN_STEP))
     elif rng.random() >= WITH_MESSAGE:
         states, shows_message = plain_states(loop, lambda _: rgb, preset.state_hz), False
-    layout, picture = source.display_layout, source.display_layout
+    layout, picture = preset.layout, preset.layout
     left = top = 0
     if rng.random() < BARS:
         share, black = float(rng.uniform(*BAR_SHARE)), int(rng.integers(0, 6))

@@ -141,7 +141,7 @@ def film_message(take: Take) -> MessageFilm:
         config.kappa,
         bits,
         lambda: iter([picture.rgb]),
-        display_size=source.shown_size,
+        display_size=(layout.width, layout.height),
         even=PRESETS[config.preset].even,
     )
     coverage = float(rng.uniform(*config.coverage))
@@ -153,7 +153,6 @@ def film_message(take: Take) -> MessageFilm:
         shutter=config.shutter,
         phone=config.phone,
     )
-    pair, shown_layout = source.pair(take.pair), source.display_layout
     states: States = LoopStates(loop)
     name, carrier = picture.name, None
     if config.carriers != "still":
@@ -164,7 +163,7 @@ def film_message(take: Take) -> MessageFilm:
         states = MovingStates(loop, carrier, config.state_hz, in_step)
     if not config.shows_message:
         states = plain_states(loop, carrier or (lambda _: picture.rgb), config.state_hz)
-    frames = film(states, shown_layout, pair, take.view, settings, rng)
+    frames = film(states, layout, source.pair(take.pair), take.view, settings, rng)
     return MessageFilm(take, name, message, bits, frames)
 
 

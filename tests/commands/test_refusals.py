@@ -59,7 +59,6 @@ REFUSED = [
     ("data_gen", "--set jpeg_quality=200", "jpeg_quality must lie in [0, 100]"),
     ("data_gen", "--set blur_px=true", "blur_px must be a number in [0, 10], got True"),
     ("data_gen", "--width 20", "need a frame of at least"),
-    ("data_gen", "--display-size 9000 600", "--display-size: a 9000x600 frame is larger than 8192"),
     ("data_gen", "--split dev", "train, test"),
     ("data_gen", "--pictures nowhere", "nowhere: no such folder"),
     ("data_gen", "--out text.png --frames 1", "text.png"),
