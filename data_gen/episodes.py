@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,11 +13,10 @@ from tqdm import tqdm, trange
 
 from data_gen.augment import augment
 from data_gen.channel.optics import check_view
-from data_gen.effects import EFFECTS
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.processes import reusable_processes
 from link.embed import check_kappa
-from link.errors import ParameterError, choose, each_once
+from link.errors import ParameterError, each_once
 
 
 @dataclass(frozen=True)
@@ -78,11 +78,10 @@ def simulate_episodes(
 ) -> EpisodeSet:
     """Simulate episodes in parallel; what is drawn depends on the source's seed and the plan alone.
 
-    What the source sets or switches off is kept. All other parameters of `VARIED` are drawn
-    uniformly.
+    The parameters of `VARIED` are drawn uniformly, but for those that the source sets.
 
     Args:
-        source: pictures, seed and layout, and what of the channel is set or switched off.
+        source: pictures, seed and layout, and what of the channel is set.
         pairs: names of camera-display pairs, which are dealt out in turn.
         plan: number of episodes, and what their views and kappas are drawn from.
         jobs: number of processes that simulate.
@@ -97,16 +96,11 @@ def simulate_episodes(
         for index in range(plan.count)
     ]
     order = rng.permutation(plan.count)
-    absent = {name for effect in source.without for name in choose(EFFECTS, effect, "effect")}
-    if "pwm_depth" in absent:
-        absent.add("pwm_duty")
     sources = []
     for _ in cells:
-        drawn = {name: float(rng.uniform(*bounds)) for name, bounds in VARIED.items()}
+        drawn: dict[str, Any] = {name: float(rng.uniform(*ends)) for name, ends in VARIED.items()}
         drawn["jpeg_quality"] = int(rng.integers(*JPEG_QUALITY, endpoint=True))
-        kept = {name: value for name, value in drawn.items() if name not in absent}
-        kept |= dict(source.parameters)
-        sources.append(replace(source, parameters=tuple(kept.items())))
+        sources.append(replace(source, parameters=(*drawn.items(), *source.parameters)))
     in_parallel = map if jobs == 1 else reusable_processes(jobs).map
     results = in_parallel(_rectified, sources, cells, order.tolist())
     done = list(tqdm(results, total=len(cells), desc="simulate", unit="pair"))

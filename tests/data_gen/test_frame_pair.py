@@ -225,8 +225,7 @@ def test_episodes_vary_the_channel_except_what_the_source_sets(
         return np.zeros((1, 1, 3), np.uint8), np.zeros((1, 1, 3), np.uint8), np.zeros(1, np.uint8)
 
     monkeypatch.setattr("data_gen.episodes._rectified", note)
-    source = Source(SMALL, "train", without=("jitter",), parameters=(("drift", 0.5),))
+    source = Source(SMALL, "train", parameters=(("drift", 0.5),))
     simulate_episodes(source, ["canon-lg"], EpisodePlan(20, (2, 5), 30.0), 1)
     assert len({pair.setup.metering for pair in channels}) == 20
     assert {pair.frontal.drift for pair in channels} == {0.5}
-    assert {pair.frontal.jitter_px for pair in channels} == {0.0}
