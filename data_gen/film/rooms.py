@@ -24,9 +24,6 @@ sends lux / pi.
 HAZE_ROOM = 0.19
 """Light of a white sheet, relative to the display's white, at the 150 lux for which
 data_gen/paper.json states the haze of displays."""
-WINDOW_LIGHT = (2.0, 8.0)
-"""Lowest and highest light of the sky in a window behind the screen, relative to the display's
-white: 500 to 2000 cd/m^2 beside a white of 250, an overcast sky."""
 DESK_Y = 0.12
 """Usual distance of the desk below the screen's frame, in longer sides of the picture."""
 
@@ -151,24 +148,6 @@ class RoomPainter:
         ends = self.rng.uniform(0.15, 0.6, (3, 3, 1)) * self.rng.uniform(0.85, 1.15, (1, 1, 3))
         field = cv2.resize(ends.astype(np.float32), (cols, rows), interpolation=cv2.INTER_LINEAR)
         self.canvas.light[:] = field * self.white
-
-    def bright_window(self, depth: float, rng: np.random.Generator) -> None:
-        """Paint a large window right behind the screen, against whose light the screen stands.
-
-        Args:
-            depth: distance of the wall behind the display, in longer sides of the picture.
-            rng: draws its size and place.
-        """
-        width, height = rng.uniform(1.6, 2.6), rng.uniform(1.1, 1.8)
-        x, y = rng.uniform(-0.3, 0.3, 2)
-        pane = np.linspace(1.2, 0.7, 96, dtype=np.float32)[:, None, None] * np.ones((1, 128, 3))
-        pane = np.asarray(rng.uniform(*WINDOW_LIGHT) * pane, np.float32)
-        for row in range(60, 96):  # roofs and trees below the sky
-            pane[row] *= np.float32(0.35)
-        for column in np.linspace(0, 124, 4).astype(int):
-            pane[:, column : column + 4] = 0.5 * self.white
-        corner = (x - width / 2, y - height / 2, -depth + 0.01)
-        self.canvas.paint(pane, corner, (width, 0, 0), (0, height, 0))
 
     def wall(self, depth: float) -> None:
         """Paint the wall behind the display, with posters, windows, shelves and boards on it."""

@@ -63,8 +63,6 @@ class SceneSettings:
     """Whether the screen is larger than the picture, with a plain surround."""
     second_display: bool | None = None
     """Whether another lit display without ratex stands beside; one in five where drawn."""
-    backlit: bool = False
-    """Whether the screen stands before a bright window."""
     pictures: Suppress[Fixed[Sequence[Picture]]] = ()
     """Photographs of the split's own, for posters, windows and the second display."""
     free: float = 0.01
@@ -379,8 +377,6 @@ def _paint(
     canvas = painter.canvas
     painter.backdrop()
     painter.wall(depth)
-    if settings.backlit:
-        painter.bright_window(depth, rng.spawn(1)[0])
     canvas.cover[:] = 0
     wall = canvas.light.copy()
     foot = float(box[3] + thick[3])

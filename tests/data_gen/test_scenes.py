@@ -256,11 +256,3 @@ def test_layers_of_a_camera_at_rest_are_the_room() -> None:
     # the lens blurs the layers one by one, which differs a little where the wall has an edge
     np.testing.assert_allclose(layered, image, atol=0.01)
     assert np.abs(layered - image).mean() < 1e-4
-
-
-def test_a_window_behind_the_screen_is_brighter_than_white() -> None:
-    far = replace(SMALL, room="dark", coverage=0.1, centred=True)
-    dark, bright = (drawn(8, chosen=replace(far, backlit=backlit)) for backlit in (False, True))
-    assert np.quantile(background(dark), 0.99) < 0.5
-    assert np.quantile(background(bright), 0.99) > 1.5
-    assert np.array_equal(dark.corners, bright.corners)
