@@ -33,7 +33,7 @@ from link.files.lock import locked
 from link.files.together import written_together
 from link.images import write_bytes, write_image
 from link.images.video import write_video
-from link.loop import MAX_PAIRS, Loop, LoopStates, MovingStates
+from link.loop import Loop, LoopStates, MovingStates
 from link.outside import is_file
 from link.pilot_code import PLAIN
 from link.presets import PRESETS
@@ -66,15 +66,13 @@ class FilmConfig(CellFlags):
     change single numbers of it; --fps is two frames a state where it is absent."""
     kappa: int = 3
     """Gray levels of [0, 255] added where a bit is 1."""
-    shown: int = 1
-    """Pictures that the display shows in turn, a frame pair each; 1 for a static picture."""
     carriers: str = STILL
     """What carries the message: "still" for pictures that stand still, "moving" for a scene drawn
     at random, or the name of a scene (data_gen/pictures/moving.py). A video that is given as
     --pictures is played in place of it."""
     first: int = 3
-    """Number of the first picture that the display shows; number 0 is a mostly black poster,
-    which carries little."""
+    """Number of the picture that the display shows; number 0 is a mostly black poster, which
+    carries little."""
     stream: OmitArgPrefixes[VideoSettings] = FILMED
     """Rates, camera, room, and what disturbs the stream; None is drawn at random."""
     codec: CodecSettings = field(default_factory=CodecSettings)
@@ -134,8 +132,6 @@ def main() -> None:
     prog = "python -m data_gen.video"
     usual = FilmConfig.of_preset(tyro.cli(FilmConfig, prog=prog).preset)
     config = check_flags(tyro.cli(FilmConfig, prog=prog, default=usual))
-    if not 1 <= config.shown <= MAX_PAIRS:
-        raise ParameterError("shown", f"need 1 to {MAX_PAIRS} pictures, got {config.shown}")
     settings, cell, source = config.stream, config.cell(), config.source(config.split)
     seconds = settings.seconds or 0.0
     if not 0 < seconds <= 3600:
@@ -145,12 +141,14 @@ def main() -> None:
     played = config.pictures is not None and is_file(config.pictures)
     carriers = str(config.pictures) if played else config.carriers
     check_carriers(carriers)
-    chosen = [pictures[(config.first + k) % len(pictures)].rgb for k in range(config.shown)]
+    picture = pictures[config.first % len(pictures)].rgb
     settings = replace(settings, scene=replace(settings.scene, pictures=pictures))
     layout, message = source.layout, config.message.encode()
     bits = encode(message, layout.n_bits)
     size = layout.width, layout.height
-    loop = Loop(layout, cell.kappa, bits, lambda: iter(chosen), display_size=size, even=source.even)
+    loop = Loop(
+        layout, cell.kappa, bits, lambda: iter([picture]), display_size=size, even=source.even
+    )
     name = f"film/{config.split}/{cell.pair}/{cell.view_deg:g}"
     rng = np.random.default_rng([config.seed, zlib.crc32(name.encode())])
     states: States = LoopStates(loop)

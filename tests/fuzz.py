@@ -51,7 +51,7 @@ SOUND = (
     "data_gen.__main__ --frames 1 --pair canon-lg --view 0 --kappa 3 --seed 0 --rows 8 --cols 8 "
     "--width 512 --height 384 --ratex 5 --set drift=0.1 --out {out}",
     "data_gen.video --message hi --seconds 0.1 --size 160 120 --fps 30 --state-hz 15 --hand 1 "
-    "--start-s 0 --shown 1 --first 0 --coverage 0.4 --drop 0 --turn 0 --seed 0 --jumps-hz 0 "
+    "--start-s 0 --first 0 --coverage 0.4 --drop 0 --turn 0 --seed 0 --jumps-hz 0 "
     "--free 0 --out {out}",
     "sender.__main__ {good}/a.png --message hi --kappa 3 --hold 4 --refresh 60 --rows 8 "
     "--cols 8 --width 512 --height 384 --ratex 5 --scale 0 --out {out}",

@@ -164,7 +164,6 @@ LONG = "n" * 300
     ("receiver.locate.__main__", ["a\nb"], "a b: no such image file"),
     ("sender.__main__", f"x --message a --out {LONG}", LONG),
     ("data_gen.__main__", f"--out {LONG}", LONG),
-    ("data_gen.video", f"{FILM} --shown 99999", "--shown: "),
     *(
         (module, f"--pictures {folder} --out x {words}", f"{folder}: ")
         for module, words in (("data_gen.__main__", ""), ("data_gen.video", FILM), ("evaluate", ""))
