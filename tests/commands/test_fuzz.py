@@ -143,8 +143,12 @@ def test_the_films_to_mutate_are_read(shown: str, inputs: Inputs, command: Comma
     assert texts(done.stdout) == {TEXT.decode()}
 
 
+OFTEN = {"run": 20}
+"""Number of cases of a kind that are run outside CI, too; 1 for the others."""
 CASES = [
-    pytest.param(kind, seed, marks=pytest.mark.slow if seed == 0 else pytest.mark.exhaustive)
+    pytest.param(
+        kind, seed, marks=pytest.mark.slow if seed < OFTEN.get(kind, 1) else pytest.mark.exhaustive
+    )
     for kind in KINDS
     for seed in range(100)
 ]

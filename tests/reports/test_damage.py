@@ -1,20 +1,15 @@
-"""Every file of a stored run, damaged in every place: a page, or one line."""
+"""A stored run whose files hold something else: a page or one line. tests/fuzz.py changes parts."""
 
-import json
-import pickle
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from conftest import Command, cases, slow
 from runs import write_run
 
-from reports.evaluation import page
 from reports.evaluation.page import write_report
 from reports.evaluation.versus import compare_runs
-from reports.run import Run
 
 JSON = ("run.json", "stories.json")
 """Files that --report reads, and that the tests damage."""
@@ -32,10 +27,6 @@ CONTENTS: dict[str, bytes | None] = {
     "folder": None,
 }
 """What stands in place of a file's content; those without content are made otherwise."""
-VALUES: list[Any] = [
-    None, "x", True, -1, 0, 0.5, 2, 1e9, 1e308, -1e308, 10**60, [], {}, [[]], {"x": 1},
-    "../../secret", "{0.x} {", "n" * 300,
-]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -44,34 +35,6 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_run(path)
     write_report(path)
     return path
-
-
-CHARTS = ("chart",)
-FINDINGS = ("ranked_comparisons",)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def what_takes_long_is_made_once_of_the_same_numbers() -> Iterator[None]:
-    """A damaged run is mostly as it was, and charts and comparisons take most of a page's time."""
-    drawn: dict[bytes, Any] = {}
-
-    def shown_of(run: Run) -> object:
-        return run.about, run.records, run.scores
-
-    def once(name: str, draw: Callable[..., Any]) -> Callable[..., Any]:
-        def remembered(*numbers: Any) -> Any:
-            used = [shown_of(part) if isinstance(part, Run) else part for part in numbers]
-            key = pickle.dumps((name, used))
-            if key not in drawn:
-                drawn[key] = draw(*numbers)
-            return drawn[key]
-
-        return remembered
-
-    with pytest.MonkeyPatch.context() as patch:
-        for name in (*CHARTS, *FINDINGS):
-            patch.setattr(page, name, once(name, getattr(page, name)))
-        yield
 
 
 @pytest.fixture
@@ -133,55 +96,6 @@ def test_a_file_of_other_content_is_refused(shown: Callable[..., bool], name: st
         allowed = kind in ("removed", "folder") and optional
         allowed |= kind == "[]" and optional
         assert page <= allowed, (name, kind)
-
-
-def places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    """Every place in a document; of a list its ends alone."""
-    yield path
-    keys: list[Any] = []
-    if isinstance(value, dict):
-        keys = list(value)
-    elif isinstance(value, list) and value:
-        keys = sorted({0, len(value) - 1})
-    for key in keys:
-        yield from places(value[key], (*path, key))
-
-
-def changed(value: Any, path: tuple[Any, ...], new: Any) -> Any:
-    """The document with another value in one place; with ``removed`` without that place."""
-    if not path:
-        return new
-    copy = value.copy()
-    if len(path) == 1 and new is REMOVED:
-        del copy[path[0]]
-    else:
-        copy[path[0]] = changed(value[path[0]], path[1:], new)
-    return copy
-
-
-REMOVED = object()
-
-
-def damages(file: Path) -> Iterator[tuple[tuple[Any, ...], Any, bytes]]:
-    """Each place of a file with each value in it: the place, the value, and the file's bytes."""
-    text = file.read_text()
-    lines = text.split("\n") if file.suffix == ".jsonl" else [text]
-    document = json.loads(lines[0])
-    for path in places(document):
-        for new in [*VALUES, *([REMOVED] if path else [])]:
-            lines[0] = json.dumps(changed(document, path, new))
-            yield path, new, "\n".join(lines).encode()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", JSON)
-def test_many_places_of_every_file_may_hold_anything(
-    shown: Callable[..., bool], good: Path, name: str
-) -> None:
-    """Some 20 cases a file, drawn evenly; all of them, 3,510, take many minutes."""
-    cases = list(damages(good / name))
-    for path, new, data in cases[:: max(1, len(cases) // 20)]:
-        shown(lambda folder, data=data: (folder / name).write_bytes(data), (name, path, new))
 
 
 @cases("removed", "truncated", slow("folder"))
