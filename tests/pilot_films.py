@@ -168,10 +168,6 @@ def panned_to(images: list[Image], frames: int) -> list[Image]:
     return panned
 
 
-MOVING_OUTLINE = np.array([[79.5, 79.5], [559.5, 79.5], [559.5, 559.5], [79.5, 559.5]])
-"""Corners of the picture in `moving_picture`, pixels."""
-
-
 def moving_picture(shift: int) -> Image:
     """A frame, 640 x 640, of a camera at rest before a picture that has moved by some pixels.
 

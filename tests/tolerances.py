@@ -82,8 +82,6 @@ GROWN_MEAN = 0.2
 which round a little differently."""
 RECTIFIED_MEAN = 0.05
 """Mean difference in gray levels of rectified images, of which few pixels round apart."""
-STATE_MEAN = 0.01
-"""Mean difference in gray levels of states that were put together from frames."""
 STILL_MEAN = 0.3
 """Mean difference in gray levels of frames that were warped to lie still."""
 COMPENSATED_MEAN = 0.5
@@ -91,8 +89,6 @@ COMPENSATED_MEAN = 0.5
 flow end some hundredths of a pixel apart."""
 VIEW_MEAN = 3.0
 """Mean difference in gray levels of small views of a texture, whose deviation is 20."""
-STATE_PURITY = 1e-6
-"""Absolute difference between means of a state's purity over blocks: float32 in Python."""
 SAME_PX = 0.01
 """Pixels between places that Python and the page find by the same steps in the same image."""
 CORNERS_PX = 0.1
@@ -123,9 +119,6 @@ PILOTS_FOUND_PX = 1.5
 """Pixels by which the page's corners may be farther from the truth than Python's: an eighth of the
 blocks of these films. Whether a move of the corners made the display surer is decided by noise
 where it was sure before."""
-PILOTS_CLOSE_PX = 4.0
-"""Pixels between pilots' corners and the true ones: a third of a block. Decoded blocks mend what is
-left."""
 FOLLOWED_PX = 0.7
 """Pixels between the corners of a display that is followed by its patches and the true ones."""
 CORNERS_WORSE_PX = 0.5

@@ -27,8 +27,6 @@ from receiver.locate.find import locate
 from reports.captured.sent import read_settings
 from reports.run import RunFolder
 
-FILES = ("run.json", "predictions.jsonl", "stories.json", "config.json")
-
 
 @pytest.fixture
 def run(tmp_path: Path) -> Path:

@@ -15,7 +15,6 @@ from link.layout import make_layout
 from link.types import Array
 
 ANGLES = range(0, 80, 5)
-RAMP = np.repeat(np.arange(256, dtype=np.uint8)[None, :, None], 3, axis=2)
 displays = st.sampled_from([pair.display for pair in PAIRS.values()])
 
 

@@ -11,7 +11,6 @@ from conftest import ROOT
 from web.host.constants import SHARED, constants_of, plain
 
 SOURCES = ROOT / "web" / "port"
-COMMENTS = re.compile(r"/\*.*?\*/|//[^\n]*", re.DOTALL)
 NUMBER = re.compile(r"(?<![\w.$])\d[\d_]*(?:\.\d+)?(?:e-?\d+)?(?![\w.])")
 CONSTANT = re.compile(r"^(?:export )?const (\[[^=\]]*\]|[A-Z][A-Z0-9_]*) = ([^;]*);$", re.MULTILINE)
 

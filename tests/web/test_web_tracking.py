@@ -16,8 +16,6 @@ from receiver.tracking.follow import Follower
 
 PILOTS = make_layout(12, 16, 256, 192, modulation="antipodal", pilots="auto")
 FINE = make_layout(24, 32, 256, 192, modulation="antipodal", pilots="auto")
-SURE = 4.0
-"""Score of a block that is decoded without doubt, in log-likelihood units."""
 SIZE = (360, 270)
 """Width and height of the filmed frames."""
 WHOLE = np.array([[60.0, 40.0], [290.0, 52.0], [300.0, 230.0], [52.0, 218.0]])
