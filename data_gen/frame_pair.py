@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from data_gen.channel.composition import Shot
-from data_gen.channel.stills import capture_through, draw_shots
+from data_gen.channel.stills import capture
 from data_gen.effects import switch_off, with_parameter
 from data_gen.pairs import get_pair
 from data_gen.parameters import Pair
@@ -148,16 +147,12 @@ class FramePair:
             steps=block_steps(picture, layout) if self.source.even else None,
         )
 
-    @property
-    def shots(self) -> tuple[Shot, Shot]:
-        """The drawn channel of the original and of the embedded frame, for any frames shown."""
-        return self._channel[0]
-
     @cached_property
     def captured(self) -> Captured:
         """Both frames as the camera stores them, with the grid's corners and the true bits."""
-        (shots, rng), source = self._channel, self.source
-        captured = capture_through(shots, self.displayed, self.cell.view_deg, rng)
+        source, cell = self.source, self.cell
+        pair = source.pair(cell.pair)
+        captured = capture(self.displayed, pair, cell.view_deg, self.channel_rng())
         meta = {
             "picture": self.picture.name,
             "seed": source.seed,
@@ -177,13 +172,6 @@ class FramePair:
     def channel_rng(self) -> np.random.Generator:
         """Return a new generator, in its first state, of the draws of this pair's channel."""
         return self._generators()[1]
-
-    @cached_property
-    def _channel(self) -> tuple[tuple[Shot, Shot], np.random.Generator]:
-        """The shots, and the generator that drew them, which ``captured`` alone goes on to use."""
-        rng, source = self.channel_rng(), self.source
-        pair = source.pair(self.cell.pair)
-        return draw_shots(source.layout, pair, self.cell.view_deg, rng), rng
 
     def _generators(self) -> tuple[np.random.Generator, np.random.Generator]:
         """Return new generators of the message and of the channel."""

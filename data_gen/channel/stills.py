@@ -71,24 +71,38 @@ def draw_shots(
     return original, embedded
 
 
-def capture_through(
-    shots: tuple[Shot, Shot], displayed: Displayed, view_deg: float, rng: np.random.Generator
+def capture(
+    displayed: Displayed, pair: Pair, view_deg: float, rng: np.random.Generator
 ) -> Captured:
-    """Capture one frame pair through a channel that is drawn already.
+    """Draw a channel and capture one frame pair through it.
 
     The embedded frame keeps the original's corners: the motion is what registration left.
 
+    >>> from data_gen.pairs import get_pair
+    >>> from link.embed import embed
+    >>> from link.layout import make_layout
+    >>> layout = make_layout()
+    >>> picture = np.full((layout.height, layout.width, 3), 128, np.uint8)
+    >>> displayed = embed(picture, np.arange(layout.n_bits) % 2, layout, 5)
+    >>> captured = capture(displayed, get_pair("canon-lg"), 45.0, np.random.default_rng(0))
+    >>> captured.embedded.shape, captured.embedded.dtype
+    ((576, 768, 3), dtype('uint8'))
+
     Args:
-        shots: channel of the original and of the embedded frame.
         displayed: both frames, uint8, gray or RGB.
+        pair: camera, display, setup and nuisances.
         view_deg: nominal angle of observation, degrees, which the capture's ``meta`` repeats.
-        rng: the generator that drew the shots; noise and the corners' error come from it.
+        rng: source of every random draw.
 
     Returns:
         RGB frames (CAPTURE_HEIGHT x CAPTURE_WIDTH times the setup's resolution, or of the display's
         size without perspective), the reported corners, and the true bits.
+
+    Raises:
+        InputError: ``view_deg`` is out of range.
     """
-    layout, pair = displayed.layout, shots[0].viewpoint.pair
+    layout = displayed.layout
+    shots = draw_shots(layout, pair, view_deg, rng)
     original, embedded = (
         shot.develop(shot.expose(frame), noise_rng)
         for shot, frame, noise_rng in zip(
@@ -109,31 +123,3 @@ def capture_through(
         ratex_kappa=displayed.ratex_kappa,
         meta={"pair": pair.name, "view_deg": view_deg},
     )
-
-
-def capture(
-    displayed: Displayed, pair: Pair, view_deg: float, rng: np.random.Generator
-) -> Captured:
-    """Draw a channel and capture one frame pair through it.
-
-    >>> from data_gen.pairs import get_pair
-    >>> from link.embed import embed
-    >>> from link.layout import make_layout
-    >>> layout = make_layout()
-    >>> picture = np.full((layout.height, layout.width, 3), 128, np.uint8)
-    >>> displayed = embed(picture, np.arange(layout.n_bits) % 2, layout, 5)
-    >>> captured = capture(displayed, get_pair("canon-lg"), 45.0, np.random.default_rng(0))
-    >>> captured.embedded.shape, captured.embedded.dtype
-    ((576, 768, 3), dtype('uint8'))
-
-    Args:
-        displayed: both frames, uint8, gray or RGB.
-        pair: camera, display, setup and nuisances.
-        view_deg: nominal angle of observation, degrees.
-        rng: source of every random draw.
-
-    Raises:
-        InputError: ``view_deg`` is out of range.
-    """
-    shots = draw_shots(displayed.layout, pair, view_deg, rng)
-    return capture_through(shots, displayed, view_deg, rng)

@@ -117,7 +117,7 @@ def test_building_it_again_decodes_nothing_and_gives_the_same_bytes(
     def forbidden(*_: Any, **__: Any) -> None:
         raise AssertionError("decoded or simulated")
 
-    for name in ("reports.engine.methods.make_decoder", "data_gen.frame_pair.draw_shots"):
+    for name in ("reports.engine.methods.make_decoder", "data_gen.frame_pair.capture"):
         monkeypatch.setattr(name, forbidden)
     again = shutil.copytree(tiny, tmp_path / "again")
     before = (tiny / "report.html").read_bytes()
