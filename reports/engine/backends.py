@@ -25,8 +25,6 @@ from link.errors import InputError
 
 T = TypeVar("T")
 
-BACKENDS = ("loky", "dask")
-"""Names that ``--backend`` takes: processes of this machine, or workers of a Dask cluster."""
 CONNECT_S = 10
 """Seconds to wait for the scheduler, and for its first worker."""
 
@@ -64,8 +62,6 @@ def make_backend(name: str, jobs: int, scheduler: str | None) -> Backend:
     Raises:
         InputError: the flags clash.
     """
-    if name not in BACKENDS:
-        raise InputError(f"--backend: choose one of {', '.join(BACKENDS)}, got {name!r}")
     if name == "dask" and scheduler is None:
         raise InputError(
             "--backend dask: give --scheduler, the address that `dask scheduler` prints"

@@ -286,7 +286,6 @@ def test_a_decoder_runs_on_what_it_imports_and_not_on_the_player() -> None:
 @cases(
     ("dask", None, "--backend dask: give --scheduler"),
     ("loky", "tcp://host:8786", "--scheduler: needs --backend dask"),
-    ("slurm", None, "--backend: choose one of loky, dask, got 'slurm'"),
 )
 def test_flags_that_clash(name: str, scheduler: str | None, message: str) -> None:
     with pytest.raises(InputError, match=message):
