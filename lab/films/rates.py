@@ -39,8 +39,6 @@ HIDDEN = FilmSettings(preset="hidden", kappa=1, state_hz=60, fps=120, n_bytes=20
 SETTINGS = {
     "paper": FilmSettings(n_bytes=100),
     "robust": FilmSettings(preset="robust", n_bytes=2_000),
-    "slow camera": FilmSettings(preset="hidden", kappa=1, n_bytes=20_000),
-    "faint": FilmSettings(preset="hidden", kappa=1, state_hz=30, fps=60, n_bytes=20_000),
     "hidden, 30 fps": replace(HIDDEN, fps=30),
     "hidden, 60 fps": replace(HIDDEN, fps=60),
     "hidden, 30 fps, 33 ms": replace(HIDDEN, fps=30, shutter=1 / 30),
@@ -51,16 +49,14 @@ SETTINGS = {
     "hidden, 50 fps of 60 Hz": replace(HIDDEN, fps=50, shutter=1 / 100),
     "hidden, 59.94 fps of 75 Hz": replace(HIDDEN, fps=59.94, state_hz=75, shutter=1 / 100),
     "hidden": HIDDEN,
-    "slanted": replace(FAST, preset="hidden"),
     "fast": FAST,
     "moving, robust": FilmSettings(preset="robust", n_bytes=100, carriers="moving"),
     "moving, 30 fps": replace(HIDDEN, fps=30, n_bytes=100, carriers="moving"),
     "moving, 60 fps": replace(HIDDEN, fps=60, n_bytes=100, carriers="moving"),
     "moving, fast": replace(FAST, n_bytes=100, carriers="moving"),
 }
-"""Settings of display, camera and message, by name. "slanted" is "fast" on the grid of "hidden",
-whose larger blocks are for slanted and distant displays. Carriers of "moving" are scenes that are
-drawn for each film; each of these settings is there `THROUGH` what a phone does, too."""
+"""Settings of display, camera and message, by name. Carriers of "moving" are scenes that are drawn
+for each film; each of these settings is there `THROUGH` what a phone does, too."""
 THROUGH: dict[str, dict[str, Any]] = {
     "H.264 12 Mbit": {"codec": CodecSettings("h264", kbits=12_000)},
     "H.264 8 Mbit": {"codec": CodecSettings("h264", kbits=8_000)},

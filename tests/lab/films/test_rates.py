@@ -62,7 +62,7 @@ def test_results_are_named_after_what_was_filmed() -> None:
 
 
 def test_an_unknown_setting_lists_the_others() -> None:
-    with pytest.raises(InputError, match="slow camera"):
+    with pytest.raises(InputError, match="hidden, 30 fps"):
         RatesFlags().film("quick")
 
 
