@@ -38,9 +38,7 @@ class AblationFlags(StudyFlags):
     """Settings of the channel, named in reports/engine/conditions.py."""
     rows: tuple[str, ...] = ROWS
     """Rows, named in reports/ablation/switches.py; the references oorc and full always
-    join."""
-    learned: bool = True
-    """Add the trained decoder."""
+    join, and the trained decoder."""
     pairs: tuple[str, ...] = tuple(PAIRS)
     """Camera-display pairs."""
     frames: int = 20
@@ -59,11 +57,11 @@ def check_ablation(flags: AblationFlags) -> None:
     at_least(1, frames=flags.frames)
     if not flags.label or Path(flags.label).name != flags.label:
         raise InputError(f"--label: need a name without slashes, got {flags.label!r}")
-    if flags.learned and flags.run is not None:
+    if flags.run is not None:
         try:
             load_checkpoint(flags.run)
         except InputError as error:
-            raise InputError(f"--run: {error}; or leave it out: --no-learned") from None
+            raise InputError(f"--run: {error}") from None
 
 
 def measure_ablation(flags: AblationFlags, workshop: Workshop) -> Ablation:
@@ -72,8 +70,7 @@ def measure_ablation(flags: AblationFlags, workshop: Workshop) -> Ablation:
     conditions = [
         named_condition(name, base, flags.pairs, flags.frames) for name in flags.conditions
     ]
-    rows = [row for row in ROWS if row in ("oorc", "full", *flags.rows)]
-    rows += ["learned"] if flags.learned else []
+    rows = [*(row for row in ROWS if row in ("oorc", "full", *flags.rows)), "learned"]
     methods = [row_method(row, flags.run) for row in rows]
     records = workshop.predict(conditions, methods)
     entries = compare_rows(records, flags.seed)

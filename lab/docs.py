@@ -23,7 +23,7 @@ from lab.study import DOCS, keep_blocks, stored_results
 from link.cli import check_flags, run_cli
 from link.errors import InputError, at_least, choose
 from link.layout import make_layout
-from models import OF_PAIRS, PRETRAINED
+from models import OF_PAIRS
 from models.phi.config import FULL
 from reports.engine.backends import Backend
 from reports.engine.methods import Method, methods_for
@@ -35,6 +35,8 @@ from reports.score.accuracy import score, write_scores
 
 METRICS = DOCS / "metrics.json"
 """Accuracies of all methods in the paper's 36 cells."""
+SEED = 0
+"""Seed of the accuracies in the paper's cells."""
 UNTRAINED = Method("phi", (("config", FULL),), "learned, untrained")
 """The learned decoder with the constants from which its training starts."""
 
@@ -70,19 +72,14 @@ class ReadmeConfig:
     alone."""
     frames: int = 15
     """Number of frame pairs in each cell of the step "table": one for each test picture."""
-    seed: int = 0
-    """Seed of the step "table"."""
     jobs: int = os.cpu_count() or 1
     """Number of processes of the step "table"."""
-    checkpoint: Path = PRETRAINED
-    """Folder of the trained decoder in the step "table"."""
 
 
 def main() -> None:
     """Run the steps, keep their results, write the blocks."""
     config = check_flags(tyro.cli(ReadmeConfig, prog="python -m lab.docs"))
     at_least(1, frames=config.frames, jobs=config.jobs)
-    at_least(0, seed=config.seed)
     whole: dict[tuple[str, ...], tuple[str, ...]] = {("all",): tuple(STEPS), ("none",): ()}
     names = whole.get(config.steps, config.steps)
     for name in names:
@@ -107,13 +104,13 @@ def main() -> None:
 
 def measure_table(config: ReadmeConfig) -> None:
     """Decode the paper's 36 cells by every method into docs/metrics.json."""
-    source = Source(make_layout(), "test", config.seed)
-    methods = methods_for(OF_PAIRS, config.checkpoint)
+    source = Source(make_layout(), "test", SEED)
+    methods = methods_for(OF_PAIRS)
     methods.insert(OF_PAIRS.index("learned"), UNTRAINED)
     condition = Condition("", source, paper_cells(tuple(PAIRS)), config.frames)
     file = Path("runs/readme") / PREDICTIONS
     records = predict_all([condition], methods, file, Backend(config.jobs))
-    write_scores(METRICS, score(records), provenance(config.seed, simulated=True))
+    write_scores(METRICS, score(records), provenance(SEED, simulated=True))
 
 
 if __name__ == "__main__":

@@ -39,18 +39,15 @@ def conditions_of(curves: Curves) -> list[str]:
 
 
 @in_style
-def reliability_figure(
-    curves: Curves, conditions: Sequence[str] | None = None, columns: int = 3
-) -> Figure:
+def reliability_figure(curves: Curves, conditions: Sequence[str] | None = None) -> Figure:
     """Draw accuracy against confidence, one panel a condition.
 
     Args:
         curves: bins by method and condition; a method need not have all conditions.
         conditions: names of the conditions to draw; all by default.
-        columns: largest number of panels beside each other.
     """
     conditions = conditions_of(curves) if conditions is None else conditions
-    figure, panels = new_panels(len(conditions), columns, legend=0.1, title=True)
+    figure, panels = new_panels(len(conditions), columns=3, legend=0.1, title=True)
     for panel, name in zip(panels, conditions, strict=True):
         panel.plot([0.5, 1], [0.5, 1], "--", color="0.6", linewidth=1)
         mine = {method: by_name[name] for method, by_name in curves.items() if name in by_name}
