@@ -22,7 +22,7 @@ from export.region_graph import REGION_FORMAT, RegionGraph
 from export.runtime import FORMAT, Decoder
 from link import __version__
 from link.cli import check_flags, run_cli
-from link.errors import InputError, ParameterError, at_least
+from link.errors import InputError, ParameterError
 from link.files.lock import locked
 from link.images import replaced
 from link.layout import MAX_SIDE_PX, MIN_BLOCK_PX, make_layout, read_layout
@@ -52,8 +52,8 @@ written in ONNX took 6 ms."""
 OPSET = 18
 """Version of ONNX's operators: the one that torch writes without converting, in which loops within
 loops are right, and which older versions of onnxruntime have, too."""
-
-
+PARITY_FRAMES = 30
+"""Number of synthetic frame pairs on which torch and onnxruntime must agree after an export."""
 BODIES = "pkg.torch.__subgraph__"
 """Domain of the bodies of loops, which torch writes as functions."""
 _note_own_version = _ir_passes._maybe_set_opset_version
@@ -243,7 +243,6 @@ def export(
     module: PhiDecoder,
     path: Path,
     run_name: str,
-    frames: int,
     training: Mapping[str, Any] | None = None,
 ) -> Parity:
     """Write an .onnx file once its parity with torch is shown.
@@ -252,7 +251,6 @@ def export(
         module: the decoder in torch.
         path: the .onnx file.
         run_name: name of the training run, kept in the metadata.
-        frames: number of synthetic frame pairs on which both must agree.
         training: settings of the training run, in JSON's types, kept in the metadata.
 
     Returns:
@@ -263,7 +261,7 @@ def export(
     """
     data = to_onnx(module, run_name, training)
     return _write_checked(
-        path, data, lambda file: compare_with_torch(module, Decoder(file), frames, seed=1)
+        path, data, lambda file: compare_with_torch(module, Decoder(file), PARITY_FRAMES, seed=1)
     )
 
 
@@ -312,8 +310,6 @@ class ExportConfig:
     run: tyro.conf.Positional[Path | None] = None
     """Folder with decoder.pt and config.json, such as runs/canon-lg; where absent, the checkpoint
     that ships for the layout."""
-    parity_frames: int = 30
-    """Synthetic frame pairs on which torch and onnxruntime must agree."""
     layout: Path | None = None
     """JSON file with a layout (docs/formats.md); the run's own layout where absent."""
     out: Path | None = None
@@ -323,7 +319,6 @@ class ExportConfig:
 def main() -> None:
     """Export, check parity, and say so."""
     config = check_flags(tyro.cli(ExportConfig, prog="python -m export.to_onnx"))
-    at_least(1, parity_frames=config.parity_frames)
     layout = read_layout(config.layout) if config.layout else None
     run = config.run or shipped_checkpoint(layout or make_layout())
     if config.out is None and run.resolve() in (PRETRAINED.resolve(), PRETRAINED_PILOTS.resolve()):
@@ -333,7 +328,7 @@ def main() -> None:
         raise ParameterError("out", f"{path} is a folder or a device; name a file")
     module, training = load_checkpoint(run, layout), read_config(run).get("train")
     with locked(path.parent, path.name):
-        parity = export(module, path, run.name, config.parity_frames, training)
+        parity = export(module, path, run.name, training)
     print(json.dumps({"model": str(path), **asdict(parity)}))
 
 

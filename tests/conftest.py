@@ -177,7 +177,7 @@ def run_folder(make_once: MakeOnce) -> Path:
         import train  # seconds, which most tests need not wait for
 
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("reports.evaluation.trained.PARITY_FRAMES", 6)  # test_export has others
+            patch.setattr("export.to_onnx.PARITY_FRAMES", 6)  # test_export has others
             run_main(train.main, *TINY, "--out", folder)
 
     return make_once("canon-lg", fill)

@@ -340,7 +340,7 @@ class Inputs:
         if how == 0:
             return ("train", [*TRAIN, "--out", str(folder / "in")])
         if how == 1 and file.suffix == ".pt":
-            return ("export.to_onnx", [str(folder / "in"), "--parity-frames", "1"])
+            return ("export.to_onnx", [str(folder / "in")])
         flags = ["--captures", str(self.good / "captures"), "--out", str(folder / "out"), "--jobs"]
         flags += ["1", "--no-html", "--methods", "learned", "--run", str(folder / "in")]
         return ("evaluate", flags)

@@ -23,8 +23,6 @@ from reports.run import PREDICTIONS, RunFolder
 from reports.score.accuracy import score
 from reports.score.paired import compare_methods
 
-PARITY_FRAMES = 30
-"""Number of synthetic frame pairs on which torch and onnxruntime must agree after the export."""
 BEFORE = "before"
 """Label of the decoder before training, and name of the folder, in that of the run, that has it."""
 FEW = ("naive", "oorc", "learned")
@@ -72,7 +70,7 @@ def export_and_evaluate(
         a table for each condition, and a line on how well torch and onnxruntime agree.
     """
     model = folder / "decoder.onnx"
-    parity = export(module, model, folder.name, PARITY_FRAMES, settings)
+    parity = export(module, model, folder.name, settings)
     simulated = captures is None
     in_paper = simulated and not module.layout.pilots
     methods = [*methods_for(OF_PAIRS if in_paper else FEW, folder), untrained(folder)]

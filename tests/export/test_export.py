@@ -137,18 +137,20 @@ def test_parity_needs_equal_bits_and_close_scores(parity: Parity, holds: bool) -
 def test_an_export_without_parity_leaves_no_file(
     layout: Layout, model: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(to_onnx, "PARITY_FRAMES", 1)
     monkeypatch.setattr(to_onnx, "to_onnx", lambda module, run_name, *_: model)
     untrained = PhiDecoder(layout, FULL)  # not what the model holds
     with pytest.raises(InputError, match="torch and onnxruntime disagree"):
-        to_onnx.export(untrained, tmp_path / "decoder.onnx", "run", frames=1)
+        to_onnx.export(untrained, tmp_path / "decoder.onnx", "run")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_an_export_with_parity_leaves_the_model_alone(
     module: PhiDecoder, model: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(to_onnx, "PARITY_FRAMES", 1)
     monkeypatch.setattr(to_onnx, "to_onnx", lambda module, run_name, *_: model)
-    parity = to_onnx.export(module, tmp_path / "decoder.onnx", "run", frames=1)
+    parity = to_onnx.export(module, tmp_path / "decoder.onnx", "run")
     assert parity.holds
     assert [file.name for file in tmp_path.iterdir()] == ["decoder.onnx"]
     assert (tmp_path / "decoder.onnx").read_bytes() == model
