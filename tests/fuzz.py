@@ -54,14 +54,14 @@ SOUND = (
     "--start-s 0 --first 0 --coverage 0.4 --drop 0 --turn 0 --seed 0 --jumps-hz 0 "
     "--free 0 --out {out}",
     "sender.__main__ {good}/a.png --message hi --kappa 3 --hold 4 --refresh 60 --rows 8 "
-    "--cols 8 --width 512 --height 384 --ratex 5 --scale 0 --out {out}",
-    "receiver.__main__ {good}/a.png {good}/b.png --threads 2 --fps 30 --out {out}",
+    "--cols 8 --width 512 --height 384 --ratex 5 --out {out}",
+    "receiver.__main__ {good}/a.png {good}/b.png --threads 2 --scores",
     "receiver.__main__ {good}/film.avi --threads 2 --fps 30 --show {out}",
     "receiver.locate.__main__ {good}/a.png --show {out} --max-megapixels 5",
     "export.runtime {model} {good}/a.png {good}/b.png --corners 60,40 570,40 570,420 60,420",
     "sender.__main__ {good}/a.png --message hi --modulation antipodal --pilots auto --ratex 0 "
     "--rows 8 --cols 8 --key {good}/key --counter 7 --out {out}",
-    "receiver.__main__ {good}/a.png {good}/b.png --key {good}/key --max-age 60 --threads 2",
+    "receiver.__main__ {good}/film.avi --key {good}/key --max-age 60 --threads 2",
     "data_gen.__main__ --frames 1 --rows 12 --cols 12 --modulation antipodal --pilots 0.1 "
     "--out {out}",
     "train --pair canon-lg --seed 0 --batch 0 --lr 0.1 --kappas 3 --jobs 1 --out {out}",
