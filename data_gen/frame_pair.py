@@ -152,7 +152,7 @@ class FramePair:
         """Both frames as the camera stores them, with the grid's corners and the true bits."""
         source, cell = self.source, self.cell
         pair = source.pair(cell.pair)
-        captured = capture(self.displayed, pair, cell.view_deg, self.channel_rng())
+        captured = capture(self.displayed, pair, cell.view_deg, self._generators()[1])
         meta = {
             "picture": self.picture.name,
             "seed": source.seed,
@@ -168,10 +168,6 @@ class FramePair:
     def rectified(self) -> Observation:
         """Both captured frames resampled to the layout's frame, as decoders take them."""
         return self.captured.rectified()
-
-    def channel_rng(self) -> np.random.Generator:
-        """Return a new generator, in its first state, of the draws of this pair's channel."""
-        return self._generators()[1]
 
     def _generators(self) -> tuple[np.random.Generator, np.random.Generator]:
         """Return new generators of the message and of the channel."""
