@@ -51,8 +51,6 @@ class FilmSeen:
     """Name of the film."""
     fps: Number = 0.0
     """Nominal number of frames a second."""
-    seconds: Number = 0.0
-    """Length, seconds."""
     size: tuple[Count, Count] = (0, 0)
     """Width and height of its frames, pixels."""
     frames: Count = 0

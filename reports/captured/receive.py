@@ -174,7 +174,7 @@ def receive_film(
     receiver = Receiver(pair_decoder, fps, keeper)
     pairs: list[DecodedPair] = []
     places: list[dict[str, object]] = []
-    size, time = (0, 0), 0.0
+    size = 0, 0
     for image, time in frames:
         size = image.shape[1], image.shape[0]
         if keeper is not None:
@@ -188,7 +188,6 @@ def receive_film(
     watched = receiver.observations
     seen: dict[str, object] = {
         "fps": round(fps, 3),
-        "seconds": round(time, 3),
         "size": list(size),
         "frames": watched.frames,
         "found": watched.found,

@@ -63,6 +63,8 @@ ACCURACY_TICKS = (0.0, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 0.999, 
 """Accuracies that an axis may name."""
 PANEL_IN = (5.0, 3.9)
 """Width and height of a panel with its labels, inches; 72 of the SVG's units are an inch."""
+COLUMNS = 3
+"""Largest number of panels beside each other."""
 LEGEND_IN = 1.4
 """Width beside a panel in which its lines are named, inches."""
 
@@ -126,7 +128,6 @@ def marker_of(label: str) -> str:
 @in_style
 def new_panels(
     count: int = 1,
-    columns: int = 1,
     legend: float = LEGEND_IN,
     title: bool = False,
 ) -> tuple[Figure, list[Axes]]:
@@ -134,14 +135,13 @@ def new_panels(
 
     Args:
         count: number of panels.
-        columns: largest number of panels beside each other.
         legend: width to leave free at the right of each panel, inches.
         title: whether panels have titles.
 
     Returns:
         the figure, and its panels in reading order.
     """
-    columns = min(columns, count)
+    columns = min(COLUMNS, count)
     rows = -(-count // columns)
     width, height = PANEL_IN
     figure = Figure(figsize=(width * columns, height * rows))

@@ -47,7 +47,7 @@ def reliability_figure(curves: Curves, conditions: Sequence[str] | None = None) 
         conditions: names of the conditions to draw; all by default.
     """
     conditions = conditions_of(curves) if conditions is None else conditions
-    figure, panels = new_panels(len(conditions), columns=3, legend=0.1, title=True)
+    figure, panels = new_panels(len(conditions), legend=0.1, title=True)
     for panel, name in zip(panels, conditions, strict=True):
         panel.plot([0.5, 1], [0.5, 1], "--", color="0.6", linewidth=1)
         mine = {method: by_name[name] for method, by_name in curves.items() if name in by_name}
