@@ -7,7 +7,7 @@ import pytest
 from conftest import cases
 
 from data_gen.channel.display import Emission
-from data_gen.effects import EFFECTS, parse_settings, with_parameter
+from data_gen.effects import EFFECTS, parse_settings
 from data_gen.pairs import get_pair, pair_names
 from data_gen.parameters import PLACES
 from link.errors import InputError
@@ -15,12 +15,6 @@ from link.errors import InputError
 
 def test_every_effect_sets_parameters_that_exist() -> None:
     assert {name for values in EFFECTS.values() for name in values} <= set(PLACES)
-
-
-def test_a_parameter_of_both_views_is_set_in_both() -> None:
-    pair = with_parameter(get_pair("canon-lg"), "drift", 0.3)
-    assert (pair.frontal.drift, pair.oblique.drift) == (0.3, 0.3)
-    assert get_pair("canon-lg").frontal.drift < 0.3  # the pair itself is as it was
 
 
 # name=value
