@@ -305,9 +305,6 @@ class Setup(Limited):
     frontal settings, 1 keeps white equally bright."""
     corner_px: Annotated[float, Limits(0.0, 20.0)]
     """Standard deviation of the error of each reported corner coordinate, captured pixels."""
-    resolution: Annotated[float, Limits(0.2, 1.0)] = 1.0
-    """Number of pixels of the stored image along an axis, relative to the usual capture. With fewer
-    pixels the same picture is reduced, and more native pixels are pooled in one."""
     sway: Annotated[float, Limits(0.0, 1.0)] = 0.0
     """Standard deviation, in a film, of the camera's way sideways, up and down, in longer sides of
     the picture. The camera stays aimed, and what lies behind the display moves by parallax."""

@@ -16,7 +16,7 @@ from data_gen.channel.optics import (
 )
 from data_gen.parameters import Pair
 from link.frames import Captured, Displayed
-from link.geometry import resized_homography, transform
+from link.geometry import transform
 from link.layout import Layout
 
 
@@ -43,14 +43,11 @@ def draw_shots(
     camera, display = pair.camera, pair.display
     nuisance = pair.nuisance(view_deg)
     pose = draw_pose(view_deg, rng)
-    size, H_original, reduction = (layout.width, layout.height), np.eye(3), 1.0
+    size, H_original = (layout.width, layout.height), np.eye(3)
     if pair.setup.perspective:
-        reduction = pair.setup.resolution
-        size = round(CAPTURE_WIDTH * reduction), round(CAPTURE_HEIGHT * reduction)
-        # corners of the usual capture go to corners of the smaller one
-        reduced = resized_homography(size[0] / CAPTURE_WIDTH, size[1] / CAPTURE_HEIGHT)
-        H_original = reduced @ project(pose, layout.width, layout.height)
-    H_moved = residual_motion(reduction * nuisance.jitter_px, camera.breathing, size, rng)
+        size = CAPTURE_WIDTH, CAPTURE_HEIGHT
+        H_original = project(pose, layout.width, layout.height)
+    H_moved = residual_motion(nuisance.jitter_px, camera.breathing, size, rng)
     drift = float(np.exp(nuisance.drift * rng.standard_normal()))
     phases = rng.uniform(0, 1, 2)
     lamp = rng.uniform(0, 1, 2)
@@ -64,7 +61,7 @@ def draw_shots(
         lamp=lamp,
         lens=fall_to_corners(camera.vignetting, size[1], size[0])[:, :, None],
         iso=iso,
-        noise_scale=reduction * nuisance.noise_scale,
+        noise_scale=nuisance.noise_scale,
     )
     original = Shot(viewpoint, H_original, iso, phases[0])
     embedded = Shot(viewpoint, H_moved @ H_original, iso * drift, phases[1])
@@ -95,8 +92,8 @@ def capture(
         rng: source of every random draw.
 
     Returns:
-        RGB frames (CAPTURE_HEIGHT x CAPTURE_WIDTH times the setup's resolution, or of the display's
-        size without perspective), the reported corners, and the true bits.
+        RGB frames (CAPTURE_HEIGHT x CAPTURE_WIDTH, or of the display's size without perspective),
+        the reported corners, and the true bits.
 
     Raises:
         InputError: ``view_deg`` is out of range.

@@ -81,7 +81,7 @@ def drawn(view_deg: float, *effects: str) -> Callable[[], object]:
     (filmed(pictures=Path("nowhere")), ("nowhere: no such folder",)),
     (filmed(without=("fog",)), ("unknown effect 'fog'", "drift", "moire")),
     (filmed(parameters=(("drift", 9.0),)), ("drift must lie in",)),
-    (filmed(parameters=(("resolution", 1.5),)), ("setup: resolution must lie in [0.2, 1]",)),
+    (filmed(parameters=(("metering", 1.5),)), ("setup: metering must lie in [0, 1]",)),
     (seen_at(75.5), ("view_deg: need an angle within ±75 degrees, got 75.5",)),
     (seen_at(NAN), ("view_deg: need an angle within ±75 degrees, got nan",)),
     (lambda: check_view(75.001, "--views"), ("--views: need an angle within", "got 75.001")),
