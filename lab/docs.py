@@ -94,7 +94,7 @@ def main() -> None:
                 raise InputError(f"step {name}: python -m {STEPS[name]} failed, as said above")
     for name in STUDIES:
         study = find_study(name)
-        if stored_results(study, study.folder(DOCS)):
+        if stored_results(study, study.kept):
             keep_blocks(study)
     for marker, block in BLOCKS.items():
         replace_block(block.page, marker, block.render(DOCS))

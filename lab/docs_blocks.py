@@ -59,7 +59,7 @@ def against_oorc(docs: Path) -> str:
 
 def stored(study: Study[Any, Any], docs: Path, label: str = "") -> Results[Any]:
     """Read the results of a study that docs/ holds, of the label if it has several."""
-    return stored_results(study, study.folder(docs))[label or study.name]
+    return stored_results(study, docs / study.name)[label or study.name]
 
 
 @dataclass(frozen=True)

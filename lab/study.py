@@ -144,7 +144,7 @@ class Study(Generic[F, R]):
     """A question, how it is answered, and how the answer is shown."""
 
     name: str
-    """Name by which ``python -m lab`` runs it; also of its folder and of its file of results."""
+    """Name by which ``python -m lab`` runs it; also of its folders."""
     flags: type[F]
     """Dataclass of its flags, whose docstring the help begins with."""
     content: type[R]
@@ -156,6 +156,9 @@ class Study(Generic[F, R]):
     blocks: Callable[[Mapping[str, Results[R]]], Mapping[str, str]]
     """Function that writes results, by their label, as Markdown: texts by the name of a page's
     marked block."""
+    label: Callable[[F], str]
+    """Function that names the file of results, without its ending; it tells apart results of one
+    study under other flags."""
     page: Path | None = None
     """Page of docs/ that has these blocks; None where no page shows them."""
     printed_alone: frozenset[str] = frozenset()
@@ -165,17 +168,11 @@ class Study(Generic[F, R]):
     check: Callable[[F], None] = lambda _: None
     """Function that raises an `InputError` for the first flag with a wrong value, before any
     work."""
-    label: Callable[[F], str] | None = None
-    """Tells apart results of one study under other flags; without it, a study has one result, whose
-    label is the study's name."""
 
-    def label_of(self, flags: F) -> str:
-        """Name of the file of the results under these flags, without its ending."""
-        return self.name if self.label is None else self.label(flags)
-
-    def folder(self, top: Path) -> Path:
-        """Folder below ``top`` that holds the files of results: ``top`` itself for a single one."""
-        return top if self.label is None else top / self.name
+    @property
+    def kept(self) -> Path:
+        """Folder of docs/ that holds the files of results."""
+        return DOCS / self.name
 
 
 def run_study(study: Study[F, R], arguments: Sequence[str]) -> None:
@@ -198,15 +195,14 @@ def run_study(study: Study[F, R], arguments: Sequence[str]) -> None:
         content = study.measure(flags, Workshop(out, Backend(flags.jobs, flags.scheduler)))
         meta = provenance(flags.seed, simulated=True) | {"commit": commit()}
         meta["flags"] = flag_values(flags)
-        write_results(out / f"{study.label_of(flags)}.json", Results(meta, content))
+        name = f"{study.label(flags)}.json"
+        write_results(out / name, Results(meta, content))
         texts = show_study(study, out, out)
     text = "\n\n".join(texts.values())
     write_bytes(out / f"{study.name}.md", f"{text}\n".encode())
     print(text)
     if flags.keep:
-        kept = study.folder(DOCS)
-        name = f"{study.label_of(flags)}.json"
-        write_bytes(kept / name, (out / name).read_bytes())
+        write_bytes(study.kept / name, (out / name).read_bytes())
         keep_blocks(study)
 
 
@@ -237,8 +233,7 @@ def read_results(study: Study[F, R], file: Path) -> Results[R]:
 
 def stored_results(study: Study[F, R], folder: Path) -> dict[str, Results[R]]:
     """Read all results of a study that a folder holds, by their label, in the labels' order."""
-    pattern = "*.json" if study.label is not None else f"{study.name}.json"
-    return {file.stem: read_results(study, file) for file in sorted(folder.glob(pattern))}
+    return {file.stem: read_results(study, file) for file in sorted(folder.glob("*.json"))}
 
 
 def show_study(study: Study[F, R], folder: Path, pictures: Path) -> dict[str, str]:
@@ -260,7 +255,7 @@ def show_study(study: Study[F, R], folder: Path, pictures: Path) -> dict[str, st
 
 def keep_blocks(study: Study[F, R]) -> None:
     """Write the tables and pictures of the results that docs/ holds into its page and folder."""
-    texts = show_study(study, study.folder(DOCS), DOCS)
+    texts = show_study(study, study.kept, DOCS)
     if study.page is not None:
         for name in texts.keys() - study.printed_alone:
             replace_block(study.page, name, texts[name])

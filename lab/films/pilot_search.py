@@ -363,6 +363,7 @@ STUDY = Study(
     content=SearchContent,
     measure=measure_search,
     blocks=search_blocks,
+    label=lambda _: "pilot_search",
     check=check_search,
 )
 """The study that `python -m lab pilot_search` runs."""

@@ -2,14 +2,13 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
 from conftest import ROOT, Command
 
 from lab import __main__ as lab
-from lab import study
 from lab.study import Results, Study, StudyFlags, Workshop, read_results, stored_results
 from link.errors import InputError
 
@@ -42,7 +41,9 @@ def blocks(results: Mapping[str, Results[Squares]]) -> dict[str, str]:
     return {"squares": " and ".join(f"{name}: {r.content.squares}" for name, r in results.items())}
 
 
-SQUARES = Study("squares", SquareFlags, Squares, measure, blocks, page=Path("docs/squares.md"))
+SQUARES = Study(
+    "squares", SquareFlags, Squares, measure, blocks, lambda _: "squares", Path("docs/squares.md")
+)
 FLAGS = ["--jobs", "1"]
 
 
@@ -90,15 +91,13 @@ def test_results_are_kept_in_docs_where_that_is_asked(workplace: Path, command: 
     page.write_text("By hand.\n<!-- squares -->\n<!-- /squares -->\n")
     command(lab.main, "squares", *FLAGS, "--numbers", "3", "--keep")
     assert "-->\nsquares: [9]\n<!--" in page.read_text()
-    assert (page.parent / "squares.json").is_file()
+    assert (page.parent / "squares" / "squares.json").is_file()
 
 
 def test_results_of_other_flags_stand_beside_each_other_by_their_labels(
     workplace: Path, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    labelled = Study(
-        "squares", SquareFlags, Squares, measure, blocks, label=lambda f: f"of_{f.numbers[0]}"
-    )
+    labelled = replace(SQUARES, label=lambda flags: f"of_{flags.numbers[0]}")
     monkeypatch.setattr(lab, "find_study", lambda name: labelled)
     command(lab.main, "squares", *FLAGS, "--numbers", "3")
     done = command(lab.main, "squares", *FLAGS, "--numbers", "2")
@@ -125,7 +124,7 @@ def test_a_study_bears_the_name_by_which_it_is_run(name: str) -> None:
 @pytest.mark.parametrize("name", list(lab.STUDIES))
 def test_what_docs_show_of_a_study_is_what_docs_store(name: str) -> None:
     chosen = lab.find_study(name)
-    folder = chosen.folder(ROOT / study.DOCS)
+    folder = ROOT / chosen.kept
     if chosen.page is None or not stored_results(chosen, folder):
         pytest.skip("docs store no results of it")
     page = (ROOT / chosen.page).read_text()
