@@ -21,6 +21,7 @@ from receiver.pilots.search.proposals import (
     Proposer,
     weigh,
 )
+from receiver.pilots.search.regions import with_bars
 from receiver.pilots.search.settle import HINT, Detection, verify
 from receiver.pilots.search.watch import NEXT_FRAME, Watch
 
@@ -144,6 +145,8 @@ class WindowSearch:
         for quads in faint:
             if found := (yield from self._weigh_coarsely(quads)):
                 return found
+        if found := (yield from self._fit([with_bars(each) for each in regions[:1]], (0,))):
+            return found
         return (yield from self._fit(regions[1:], turns))
 
     def _weigh_coarsely(self, quads: Sequence[Array], count: int | None = None) -> Search:

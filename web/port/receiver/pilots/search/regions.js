@@ -5,9 +5,12 @@
  */
 
 import { receiverPilotsSearchRegions } from "../../../../generated/constants.js";
+import { sideLengths } from "../../../link/geometry.js";
+import { rolled } from "../../locate/quads.js";
 
 const {
-  REGIONS, LEAST_CELLS, MOST_ODDS, BEYOND_CELLS, BEYOND_ODDS, LEAVING_ODDS, STEPS, MOST_MOVES, MOVES,
+  REGIONS, LEAST_CELLS, MOST_ODDS, BEYOND_CELLS, BEYOND_ODDS, LEAVING_ODDS, BAR_SHARE, STEPS,
+  MOST_MOVES, MOVES,
 } = receiverPilotsSearchRegions;
 
 /**
@@ -58,6 +61,22 @@ export function leavingRegions(quads, logOdds, width) {
     .sort((one, other) => other.likelihood - one.likelihood)
     .map(({ quad }) => quad);
   return first === undefined ? outlines : [first, ...outlines, ...others];
+}
+
+/**
+ * Take black bars above and below a wide film, which show nothing, for parts of its display.
+ *
+ * @param {Point[]} quad - the outline of a film, clockwise
+ * @returns {Point[]} the display, of which the first corner is the top left if the film is upright, or
+ *   turned to the left
+ */
+export function withBars(quad) {
+  const [top, right, bottom, left] = sideLengths(quad);
+  const wide = top + bottom >= right + left ? quad : rolled(quad, 1);
+  return wide.map(([x, y], at) => {
+    const [oppositeX, oppositeY] = wide[3 - at];
+    return [x + BAR_SHARE * (x - oppositeX), y + BAR_SHARE * (y - oppositeY)];
+  });
 }
 
 /**

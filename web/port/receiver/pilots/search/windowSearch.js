@@ -11,6 +11,7 @@ import { rolled } from "../../locate/quads.js";
 import {
   GLANCE_WORK, NEXT_FRAME, PROMISING, Proposer, STRONGEST, weighSteps,
 } from "./proposals.js";
+import { withBars } from "./regions.js";
 import { HINT, settleSteps } from "./settle.js";
 
 /** @typedef {import("./proposals.js").Proposal} Proposal */
@@ -164,7 +165,10 @@ export class WindowSearch {
       const found = yield* this.#glance(yield* edges);
       if (found !== null) return found;
     }
-    return yield* this.#fit(regions.slice(1), this.#everyTurn);
+    return (
+      (yield* this.#fit(regions.slice(0, 1).map(withBars), [0])) ??
+      (yield* this.#fit(regions.slice(1), this.#everyTurn))
+    );
   }
 
   /**
