@@ -180,7 +180,7 @@ def accuracy_ticks(least: float) -> list[float]:
     Args:
         least: smallest accuracy that is shown, in [0, 1].
     """
-    low = max(tick for tick in ACCURACY_TICKS if tick <= max(least, 0.0))
+    low = max(tick for tick in ACCURACY_TICKS[:-1] if tick <= max(least, 0.0))
     dropped = {0.98, 0.995} if low < 0.8 else set()
     return [tick for tick in ACCURACY_TICKS if tick >= low and tick not in dropped - {low}]
 
