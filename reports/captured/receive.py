@@ -6,7 +6,7 @@ the receiver found of corners and clock, with its errors.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -199,11 +199,21 @@ def receive_film(
         "places": places,
         "silence": explain_silence(watched),
     }
-    return Reception(keeper.cuts if keeper else _stretches(pairs, layout), seen)
+    return Reception(keeper.cuts if keeper else stretches(pairs, layout, watched.state_hz), seen)
 
 
-def _stretches(pairs: list[DecodedPair], layout: Layout) -> list[Cut]:
-    """Group frame pairs of successive numbers, `STRETCH` to nearly twice as many in a group."""
+def stretches(pairs: list[DecodedPair], layout: Layout, state_hz: float | None) -> list[Cut]:
+    """Group frame pairs of successive numbers, `STRETCH` to nearly twice as many in a group.
+
+    A frame pair is decoded when it is over, or later where the clock was found after it. So its
+    time here is when the display began to show it, by its number and the soonest one of its row.
+
+    Args:
+        pairs: frame pairs in the order in which they were decoded.
+        layout: layout of the display.
+        state_hz: number of states that the display shows in a second; None where no clock was
+            found, and frame pairs keep the time at which they were decoded.
+    """
     runs: list[list[DecodedPair]] = []
     for pair in pairs:
         if not runs or pair.number != runs[-1][-1].number + 1:
@@ -211,6 +221,10 @@ def _stretches(pairs: list[DecodedPair], layout: Layout) -> list[Cut]:
         runs[-1].append(pair)
     cuts = []
     for run in runs:
+        if state_hz is not None:
+            shown_s = 2 / state_hz
+            end_of_0 = min(pair.time - pair.number * shown_s for pair in run)
+            run = [replace(p, time=max(0.0, end_of_0 + (p.number - 1) * shown_s)) for p in run]
         count = max(1, len(run) // STRETCH)
         for part in np.array_split(np.arange(len(run)), count):
             mine = tuple(run[at] for at in part)

@@ -18,12 +18,15 @@ from data_gen.pictures.library import load_pictures
 from link.captures import read_manifest
 from link.embed import embed
 from link.errors import InputError
-from link.frames import Captured
+from link.frames import Captured, SoftBits
 from link.images import write_image
 from link.images.files import read_image
 from link.layout import Layout, make_layout
 from link.observation import Observation
 from link.presets import PRESETS
+from receiver.reading.reader import DecodedPair
+from receiver.reading.shown import States
+from receiver.reading.states import DisplayState
 from reports.captured.door import (
     Recordings,
     bench_part,
@@ -31,7 +34,7 @@ from reports.captured.door import (
     open_recordings,
     photographed,
 )
-from reports.captured.receive import Cut, Reception
+from reports.captured.receive import Cut, Reception, stretches
 from reports.captured.sent import Sent, read_sent, sent_bits
 from reports.captured.truth import match_loop
 from sender import __main__ as send
@@ -115,6 +118,21 @@ def test_films_are_right_or_refused(parts: list[Bits], words: str | None) -> Non
     else:
         with pytest.raises(InputError, match=words):
             check_film(Path("film.mp4"), cuts, matches)
+
+
+def test_frame_pairs_that_were_decoded_late_keep_the_time_at_which_they_were_shown() -> None:
+    """The first ones wait until the clock is found, and those after a break count anew."""
+    layout = make_layout()
+    state = DisplayState(np.zeros((8, 8), np.uint8), np.ones((2, 2)), 1)
+    shown = States(state, state, layout.message_mask)
+    decoded = [(0, 0.8), (1, 0.8), (2, 0.9), (3, 0.9), (4, 1.0), (5, 1.2), (40, 2.5)]
+    soft = SoftBits(np.ones(layout.n_bits))
+    pairs = [DecodedPair(number, time, soft, shown, 0.0) for number, time in decoded]
+    times = [[p.time for p in cut.pairs] for cut in stretches(pairs, layout, state_hz=10.0)]
+    np.testing.assert_allclose(times[0], 0.2 * np.arange(6), atol=1e-9)
+    np.testing.assert_allclose(times[1], [2.3])
+    kept = stretches(pairs, layout, state_hz=None)
+    assert [p.time for cut in kept for p in cut.pairs] == [time for _, time in decoded]
 
 
 # What was sent
