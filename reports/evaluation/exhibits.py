@@ -75,5 +75,5 @@ def seen_table(films: Sequence[FilmSeen]) -> Table:
                 str(film.cut),
             ]
         )
-    heads = ("film", "frames with display", "frames/s", "states/s", "exposure, ms")
+    heads = ("recording", "frames with display", "frames/s", "states/s", "exposure, ms")
     return Table((*heads, "mean level", "at limit %", "cut off"), rows)

@@ -98,7 +98,7 @@ def share_interval(low: float, high: float, digits: int = 2) -> str:
 def difference_interval(paired: Paired) -> str:
     """The 95 % interval of a paired difference, points."""
     if paired.frames < MIN_FRAMES:
-        return f"no interval from {paired.frames} frame pairs"
+        return f"no interval from {paired.frames} captures"
     return f"{paired.low:+.2f} to {paired.high:+.2f}"
 
 
