@@ -2,7 +2,7 @@
 
 A *score table* has a row for each method in each cell of each condition, with the columns of
 `SCORES`. Errors cluster by frame pair: a drifted or textured frame loses many bits at once. So a
-score table also keeps the sum of squares that `clustered_interval` needs.
+score table also keeps the sums of squares that `clustered_interval` needs.
 """
 
 from collections.abc import Sequence
@@ -18,9 +18,10 @@ from reports.engine.records import CELL
 from reports.score.intervals import clustered_interval, wilson
 from reports.score.paper import PRINTED
 
+SUMS = ["bits", "correct", "bits_squared", "bits_correct", "correct_squared"]
+"""Columns of a score table that are sums over frame pairs, as `clustered_interval` takes them."""
 SCORES = [
-    "condition", "method", *CELL, "frames", "bits", "correct", "correct_squared",
-    "accuracy", "ci_low", "ci_high", "paper",
+    "condition", "method", *CELL, "frames", *SUMS, "accuracy", "ci_low", "ci_high", "paper",
 ]  # fmt: skip
 """Columns of a score table; `score` says what they hold."""
 STORED = SCORES[:-1]
@@ -37,19 +38,23 @@ def score(records: pd.DataFrame, *, in_paper: bool = True) -> pd.DataFrame:
 
     Returns:
         `SCORES`: ``frames`` frame pairs, ``bits`` whose truth is known, ``correct`` ones,
-        ``correct_squared``, the sum of (right bits)^2 over the frame pairs, ``accuracy`` in [0, 1]
-        (missing where no truth is known), Wilson's 95 % interval ``ci_low`` to ``ci_high`` as if
-        bits were independent, and the accuracy that the ``paper`` prints for this cell, missing
-        elsewhere.
+        ``bits_squared``, ``bits_correct`` and ``correct_squared``, the sums of their squares and
+        products over the frame pairs, ``accuracy`` in [0, 1] (missing where no truth is known),
+        Wilson's 95 % interval ``ci_low`` to ``ci_high`` as if bits were independent, and the
+        accuracy that the ``paper`` prints for this cell, missing elsewhere.
     """
     counted = records[["condition", "method", *CELL, "known", "correct"]].copy()
-    counted["squared"] = counted["correct"] ** 2
+    known, correct = counted["known"], counted["correct"]
+    squares = {"nn": known * known, "nc": known * correct, "cc": correct * correct}
+    counted = counted.assign(**squares)
     groups = counted.groupby(["condition", "method", *CELL], sort=False, dropna=False)
     table = groups.agg(
         frames=("correct", "size"),
         bits=("known", "sum"),
         correct=("correct", "sum"),
-        correct_squared=("squared", "sum"),
+        bits_squared=("nn", "sum"),
+        bits_correct=("nc", "sum"),
+        correct_squared=("cc", "sum"),
     ).reset_index()
     table["accuracy"] = (table["correct"] / table["bits"].where(table["bits"] > 0)).astype(float)
     intervals = [wilson(*row) for row in zip(table["correct"], table["bits"], strict=True)]
@@ -71,14 +76,13 @@ def pool(scores: pd.DataFrame, by: Sequence[str] = ("method",)) -> pd.DataFrame:
         cells, missing where the paper lacks one of them; in order of first appearance.
     """
     groups = scores.groupby(list(by), sort=False, dropna=False)
-    table = groups[["frames", "bits", "correct", "correct_squared"]].sum().reset_index()
+    table = groups[["frames", *SUMS]].sum().reset_index()
     table["errors"] = table["bits"] - table["correct"]
     table["accuracy"] = (table["correct"] / table["bits"].where(table["bits"] > 0)).astype(float)
-    counts = table[["frames", "bits", "correct", "correct_squared"]].itertuples(index=False)
-    intervals = [clustered_interval(*row) for row in counts]
+    intervals = [clustered_interval(*row) for row in table[SUMS].itertuples(index=False)]
     table[["low", "high"]] = np.reshape(intervals, (-1, 2))
     table["paper"] = groups["paper"].agg(lambda cells: cells.mean(skipna=False)).to_numpy()
-    return table.drop(columns="correct_squared")
+    return table.drop(columns=SUMS[2:])
 
 
 def write_scores(file: Path, scores: pd.DataFrame, meta: dict[str, Any]) -> None:

@@ -25,25 +25,32 @@ def wilson(correct: float, bits: float) -> tuple[float, float]:
 
 
 def clustered_interval(
-    frames: int, bits: int, correct: int, correct_squared: int
+    bits: int, correct: int, bits_squared: int, bits_correct: int, correct_squared: int
 ) -> tuple[float, float]:
-    """Wilson's 95 % interval of an accuracy, where errors cluster by frame pair.
+    """Wilson's 95 % interval of an accuracy, where errors cluster by frame pair or window of film.
 
-    The number of bits is divided by the design effect, which is the variance of the frame pairs'
-    accuracies over that of independent bits, and at least 1.
+    The number of bits is divided by the design effect, which is the variance of the accuracy as a
+    ratio of sums over the frame pairs, over that of independent bits, and at least 1.
 
     Args:
-        frames: number of frame pairs, equally many bits each.
         bits: number of bits.
         correct: number of right bits.
+        bits_squared: sum over frame pairs of bits^2. Frame pairs may differ in how many bits of
+            them are known.
+        bits_correct: sum over frame pairs of bits times right bits.
         correct_squared: sum over frame pairs of (right bits)^2.
 
     Returns:
         (low, high) in [0, 1].
+
+    >>> bits, right = np.array([2920, 5840, 5110]), np.array([2920, 5803, 5086])
+    >>> squares = [int(a @ b) for a, b in ((bits, bits), (bits, right), (right, right))]
+    >>> [round(end, 4) for end in clustered_interval(bits.sum(), right.sum(), *squares)]
+    [0.9924, 0.9975]
     """
     if bits == 0 or correct in (0, bits):
         return wilson(correct, bits)
-    p, per_frame = correct / bits, bits / frames
-    variance = correct_squared / frames - (correct / frames) ** 2
-    effective = bits / max(1.0, variance / (per_frame * p * (1 - p)))
+    p = correct / bits
+    squares = correct_squared - 2 * p * bits_correct + p**2 * bits_squared
+    effective = bits / max(1.0, squares / (bits * p * (1 - p)))
     return wilson(p * effective, effective)

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from conftest import Command, MakeOnce, cases, run_main
+from numpy.typing import NDArray
 from scipy.stats import binomtest
 from tolerances import FLOAT64
 
@@ -193,21 +194,32 @@ def test_a_stored_cell_that_is_corrupted_is_made_again(
         assert file.read_bytes() == stored, name
 
 
+def interval_of(bits: NDArray[np.int64], right: NDArray[np.int64]) -> tuple[float, float]:
+    """The clustered interval of frame pairs with these numbers of bits, and of right ones."""
+    squares = [int(a @ b) for a, b in ((bits, bits), (bits, right), (right, right))]
+    return clustered_interval(int(bits.sum()), int(right.sum()), *squares)
+
+
 def test_the_interval_widens_where_errors_cluster() -> None:
-    spread = clustered_interval(10, 590, 580, 10 * 58**2)
-    clustered = clustered_interval(10, 590, 580, 9 * 59**2 + 49**2)
-    assert spread == wilson(580, 590)
+    bits = np.full(10, 59)
+    spread = interval_of(bits, np.full(10, 58))
+    clustered = interval_of(bits, np.array([59] * 9 + [49]))
+    assert spread == pytest.approx(wilson(580, 590))
     assert np.diff(clustered) > 2 * np.diff(spread)
 
 
-def test_the_clustered_interval_covers_the_mean_of_clustered_frames() -> None:
+@pytest.mark.parametrize("least", [59, 6])  # frame pairs may have unknown bits, windows any number
+def test_the_clustered_interval_covers_the_mean_of_clustered_frames(least: int) -> None:
     rng = np.random.default_rng(0)
-    covered = 0
-    for _ in range(200):
-        right = rng.binomial(59, rng.beta(18, 2, size=60))  # mean 0.9, strongly clustered
-        low, high = clustered_interval(60, 60 * 59, int(right.sum()), int((right**2).sum()))
+    covered, widths = 0, []
+    for _ in range(400):
+        bits = rng.integers(least, 60, size=60)
+        right = rng.binomial(bits, rng.beta(18, 2, size=60))  # mean 0.9, strongly clustered
+        low, high = interval_of(bits, right)
         covered += low <= 0.9 <= high
-    assert covered >= 180  # nominal 190
+        widths.append(high - low)
+    assert covered >= 360  # nominal 380
+    assert np.mean(widths) < 0.06
 
 
 def score_row(
@@ -215,10 +227,11 @@ def score_row(
 ) -> pd.DataFrame:
     """A score table of one row, from frames, bits, right bits and the sum of their squares."""
     frames, bits, correct, squared = tally
+    equal = {"bits_squared": bits**2 // frames, "bits_correct": bits * correct // frames}
     scores, truth = [1.0] * bits, [1] * correct + [0] * (bits - correct)
     line = prediction(scores, truth, method=method, pair=pair, view_deg=view_deg, kappa=kappa)
     row = score(to_records([line]))
-    return row.assign(frames=frames, correct_squared=squared)
+    return row.assign(frames=frames, correct_squared=squared, **equal)
 
 
 def score_table(*rows: pd.DataFrame) -> pd.DataFrame:
