@@ -18,7 +18,9 @@ MOST_UNLIKE = 0.375
 less the little that the best of all places in the loop gains."""
 SURE = 0.2
 """Largest share of wrong bits that a decoder may expect where a match that leaves more than
-`MOST_UNLIKE` means that something else was shown."""
+`MOST_UNLIKE` means that something else was shown. A frame pair among others that fit is something
+else, too, where as many more bits are wrong as lie between the two: a decoder that has to be
+careful all the time expects more wrong bits than it makes."""
 BY_CHANCE = 5.0
 """Number of standard deviations of chance by which two places in the loop must fit better than
 one before the film is taken to jump from the one to the other."""
@@ -65,22 +67,30 @@ def match_loop(scores: Array, loop: NDArray[np.integer], place: int | None = Non
     if total[best] > MOST_UNLIKE * counted.sum() or not counted.any():
         sure = counted.sum() > 0 and expected.sum() <= SURE * counted.sum()
         return Match("other" if sure else "unclear", bits, best)
-    strange = (wrong[:, best] > MOST_UNLIKE * counted) & (expected <= SURE * counted)
-    jumps = bool((strange & (counted > 0)).any()) or _jumps(wrong, counted, best)
+    surprise = wrong[:, best] - expected > (MOST_UNLIKE - SURE) * counted
+    strange = surprise & (wrong[:, best] > MOST_UNLIKE * counted)
+    jumps = bool(strange.any()) or _jumps(wrong, counted, best)
     return Match("jumps" if jumps else "fits", bits, best)
 
 
 def _jumps(wrong: Array, counted: Array, best: int) -> bool:
     """Tell whether two places in the loop, one after the other, fit much better than one.
 
+    At the other place the two states of a frame pair may be taken for each other, since the signs
+    of a code (`link.pilot_code`) belong to the place. This does not hold for the first and the last
+    frame pair, of which a window shows a part and tells little.
+
     Args:
         wrong: (P, loop pairs) wrong bits of each frame pair by the place of the first one.
         counted: (P,) bits of each frame pair that were read.
         best: the place that fits all frame pairs best.
     """
+    either = np.minimum(wrong, counted[:, None] - wrong)
+    either[[0, -1]] = wrong[[0, -1]]
     for along in (slice(None), slice(None, None, -1)):
-        part, size = np.cumsum(wrong[along], 0)[:-1], np.cumsum(counted[along])[:-1]
-        gain, least = part[:, best] - part.min(1), BY_CHANCE * np.sqrt(size) / 2
-        if ((gain > least) & (part.min(1) <= MOST_UNLIKE * size)).any():
+        size = np.cumsum(counted[along])[:-1]
+        here, there = (np.cumsum(part[along], 0)[:-1] for part in (wrong[:, best], either))
+        gain, least = here - there.min(1), BY_CHANCE * np.sqrt(size) / 2
+        if ((gain > least) & (there.min(1) <= MOST_UNLIKE * size)).any():
             return True
     return False

@@ -75,6 +75,22 @@ def test_a_cut_within_a_part_is_seen(at: int, to: int) -> None:
     assert match_loop(read(bits), LOOP).kind == "jumps"
 
 
+@pytest.mark.parametrize("wrong", [0.1, 0.28])
+@pytest.mark.parametrize("backwards", [False, True])
+def test_a_cut_that_shifts_the_code_is_seen_by_a_decoder_that_expects_more_wrong_bits(
+    wrong: float, backwards: bool
+) -> None:
+    """Behind the cut the code's signs are those of another place: states seem to be exchanged."""
+    rng = np.random.default_rng(5)
+    loop = rng.integers(0, 2, (32, 700))
+    signs = rng.integers(0, 2, (8, 1))
+    bits = np.concatenate([shown(3, 24, loop), shown(3 + 24 + 7, 8, loop) ^ signs])
+    careful = read(bits, wrong) / 2  # it expects 25 % and 38 %
+    along = slice(None, None, -1 if backwards else 1)
+    assert match_loop(careful[along], loop[along]).kind == "jumps"
+    assert match_loop((read(shown(3, 32, loop), wrong) / 2)[along], loop[along]).kind == "fits"
+
+
 @pytest.mark.parametrize(
     "bits",
     [
