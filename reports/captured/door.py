@@ -288,7 +288,8 @@ def photographed(folder: Path, sent: Sent) -> list[Known]:
         if display is None:
             raise InputError(
                 f"{files[0]}, {files[1].name}: no display is found that changes as the two states "
-                f"no. {2 * number % (2 * pairs) + 1} and the next do; is one doubled or missing?"
+                f"no. {2 * number % (2 * pairs) + 1} and the next do; is one doubled or missing, "
+                "or did the camera move?"
             )
         bits = sent.bits[number % pairs]
         captured = Captured(images[0], images[1], sent.layout, *display.corners, bits)
