@@ -19,8 +19,10 @@ from models.film.window import gray_frames
 from reports.captured.door import FILMS
 from reports.engine.checked import Count, Number, checked
 
-BIN_S = 0.25
-"""Seconds of film over which wrong bits are counted together."""
+BIN_S, MOST_BINS = 0.25, 16
+"""Seconds of film over which wrong bits are counted together, and largest number of such stretches
+of a film: longer films have stretches of twice the length, or four times, and so on, so that the
+lines of all methods can be told apart."""
 LEVELS = 16
 """Width of the bins of gray levels over which wrong bits are counted together."""
 MAP_PX = 384
@@ -130,6 +132,8 @@ def film_evidence(
     rows: list[pd.DataFrame] = []
     grids: dict[str, dict[tuple[int, int], NDArray[np.float64]]] = {}
     by_index = dict(list(records.groupby("index")))
+    last_s = max(float(e.meta.get("end_s", e.meta.get("time_s", 0.0))) for e in entries)
+    bin_s = BIN_S * 2 ** int(np.ceil(np.log2(max(1.0, last_s / (MOST_BINS * BIN_S)))))
     for index, entry in enumerate(entries):
         captured = entry.load()
         pairs = captured.observation.mixture.count if isinstance(captured, KnownWindow) else 1
@@ -141,7 +145,7 @@ def film_evidence(
         for row in by_index[index].itertuples() if index in by_index else ():
             known = row.bits >= 0
             wrong = ((row.scores > 0) != row.bits) & known
-            place = pd.DataFrame({"time": time // BIN_S, "level": level // LEVELS})
+            place = pd.DataFrame({"time": time // bin_s, "level": level // LEVELS})
             place["known"], place["wrong"] = known, wrong
             counted = place.groupby(["time", "level"]).sum().reset_index()
             rows.append(counted.assign(method=row.method, film=str(entry.meta.get("film", ""))))
@@ -154,7 +158,7 @@ def film_evidence(
     table = pd.concat(rows)
     return FilmEvidence(
         seen,
-        _wrong_bits(table, "time", BIN_S, ["film"]),
+        _wrong_bits(table, "time", bin_s, ["film"]),
         _wrong_bits(table, "level", LEVELS, []),
         _maps(grids, folder) if pictures else [],
         _blocks_a_second(seen, entries),
