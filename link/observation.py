@@ -41,7 +41,8 @@ class Observation:
     """T rectified frames of one display, and all that is known beside them."""
 
     frames: tuple[Image | Map, ...]
-    """T frames of one shape: each an `Image`, or float32 (h, w) gray levels in [0, 255]."""
+    """T frames of one shape: each an `Image`, or float32 (h, w) gray levels in [0, 255], which may
+    lie somewhat outside where the picture moved and is held still."""
     layout: Layout
     """Grid of blocks, ratex patches and pilots that the frames show."""
     mixture: Mixture

@@ -84,6 +84,9 @@ RECTIFIED_MEAN = 0.05
 """Mean difference in gray levels of rectified images, of which few pixels round apart."""
 STILL_MEAN = 0.3
 """Mean difference in gray levels of frames that were warped to lie still."""
+MOVED_SCORE_MEAN = 0.1
+"""Mean difference between scores, 3 on average, of windows of noise in which Python and the page
+have each found how the picture moves; 0.06 was measured."""
 COMPENSATED_MEAN = 0.5
 """Mean difference in levels of images of changes, of which four are a gray level: points of optical
 flow end some hundredths of a pixel apart."""

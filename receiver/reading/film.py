@@ -14,8 +14,9 @@ from link.frames import SoftBits
 from link.layout import Layout
 from link.observation import Observation, mixture_of_exposures
 from link.pilots import changes_of_bits
-from link.types import Array
+from link.types import Array, Map
 from receiver.decoders import WindowDecoder
+from receiver.pilots.compensate import MovingPicture
 from receiver.reading.shown import InWindow, ReadPair
 from receiver.seen import SeenFrame, SeenFrames
 from receiver.sight import StageTimes
@@ -70,10 +71,12 @@ class FilmReader:
         self._window = FINE_WINDOW if layout.rows * layout.cols > FINE_BLOCKS else WINDOW
         self._scored: deque[ReadPair] = deque()
         self._next: int | None = None
+        self._picture, self._motions = MovingPicture(), dict[float, Map]()
 
     def begin_anew(self) -> None:
         """Leave out all frames so far: what comes shows another place or another picture."""
         self.read_until, self._scored_at = self._seen.newest, -np.inf
+        self._picture, self._motions = MovingPicture(), {}
 
     def start_run(self) -> None:
         """Begin to count frame pairs anew."""
@@ -147,6 +150,7 @@ class FilmReader:
         over = np.inf if end == len(frames) else clock.number(now + clock.earliest) / 2
         done = [number for number in numbers if number <= min(last, over - 1)] or numbers[:1]
         with self._timing.stage("film"):
+            self._follow(frames[:end])
             window = self._cut(frames[begin:end], clock, first, last)
             scores = self._decoder.decode(window).scores  # (P n_bits,)
         scores = scores.reshape(last + 1 - first, -1)
@@ -163,13 +167,34 @@ class FilmReader:
         if end > self._window:
             self.read_until = frames[end - self._window - 1].time
 
+    def _follow(self, frames: Sequence[SeenFrame]) -> None:
+        """Find how the picture moves in frames, if that is not known, and forget all others.
+
+        The first frame alone would be a picture with its message. So it is made of the frames that
+        follow, backwards.
+        """
+        known = self._motions
+        for frame in [] if known else reversed(frames[:LEAST_FRAMES]):
+            self._picture.take(frame.shrunk)
+        self._motions = {
+            frame.time: known[frame.time]
+            if frame.time in known
+            else self._picture.take(frame.shrunk)
+            for frame in frames
+        }
+
     def _cut(
         self, frames: Sequence[SeenFrame], clock: DisplayClock, first: int, last: int
     ) -> Observation:
-        """Make a window of frames, which show parts of the frame pairs ``first`` to ``last``."""
+        """Make a window of frames, which show parts of the frame pairs ``first`` to ``last``.
+
+        The picture is held still in it: what has only moved since the middle frame is taken off.
+        """
         times = np.array([frame.time for frame in frames])
+        moved = np.cumsum([self._motions[time] for time in times], axis=0)  # (T, h, w)
+        moved -= moved[len(moved) // 2].copy()
         return Observation(
-            tuple(frame.shrunk for frame in frames),
+            tuple(frame.shrunk - own for frame, own in zip(frames, moved, strict=True)),
             self._layout,
             mixture_of_exposures(clock, times, self._layout, first, last + 1 - first),
             np.stack([frame.blocks_in_view for frame in frames]),

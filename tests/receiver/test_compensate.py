@@ -8,7 +8,7 @@ from pilot_films import texture
 from link.pilots import pilot_signs
 from link.presets import PRESETS
 from link.types import Array, Image
-from receiver.pilots.compensate import NOTHING, STEPS, Compensator
+from receiver.pilots.compensate import NOTHING, STEPS, Compensator, MovingPicture
 from receiver.seen import SeenFrame, SeenFrames
 from receiver.tracking.judge import WATCHED, Judge
 
@@ -75,6 +75,32 @@ def test_frames_of_quick_cameras_are_compared_over_the_same_time() -> None:
         True,
         True,
     ]
+
+
+@pytest.mark.parametrize("px", [3, 7])
+def test_motion_is_told_with_little_of_the_message(px: int) -> None:
+    """The message of the frame before, moved with all that it shows, would be the whole of it."""
+    states, inner = [1, -1, 1, 1, -1, 1, -1, -1, 1], np.s_[16:-16, 16:-16]
+    frames = [frame.astype(np.float32) for frame in panned(states, px)]
+    bare = [frame.astype(np.float32) for frame in panned([0] * len(states), px)]
+    picture = MovingPicture()
+    motions = [picture.take(frame) for frame in frames]
+    assert not motions[0].any()
+    for number in range(3, len(states)):
+        true = (bare[number] - bare[number - 1])[inner]
+        error = motions[number][inner] - true
+        assert np.square(error).mean() < 0.02 * np.square(true).mean()
+        message = 2 * states[number - 1] * np.kron(SIGNS, np.ones((16, 16)))
+        moved = (np.roll(message, -px, axis=1) - message)[inner]
+        assert abs((error * moved).sum()) < 0.7 * np.square(moved).sum()
+
+
+def test_what_stands_still_does_not_move() -> None:
+    picture, still = MovingPicture(), panned([0], 0)[0].astype(np.float32)
+    rng = np.random.default_rng(0)
+    for _ in range(4):
+        noisy = (still + rng.normal(0, 2, still.shape)).clip(0, 255)
+        assert np.abs(picture.take(noisy.astype(np.float32))).mean() < 0.2
 
 
 @pytest.mark.parametrize("levels", [1.0, 0.0])

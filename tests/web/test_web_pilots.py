@@ -22,7 +22,7 @@ from link.layout import Layout, make_layout
 from link.pilots import pilot_centres, pilot_signs, pilot_values
 from link.steps import run_to_end
 from link.types import Array
-from receiver.pilots.compensate import Compensator
+from receiver.pilots.compensate import Compensator, MovingPicture
 from receiver.pilots.motion import map_size, moved_corners, without_slope
 from receiver.pilots.search.all_blocks import block_fit, block_maps
 from receiver.pilots.search.parts import COARSE_SIZE, coarse_shift
@@ -262,6 +262,12 @@ def test_what_has_only_moved_is_taken_off_frames(port: Port, size: tuple[int, in
         for frame in map(np.ascontiguousarray, frames):
             found, known = ported.take(frame), compensator.take(frame)
             assert differences(found[inner], known[inner])[1] < within.COMPENSATED_MEAN
+    picture = MovingPicture()
+    ported = port("receiver/pilots/compensate.js").MovingPicture()
+    for frame in frames:
+        known = picture.take(frame.astype(np.float32))
+        found = np.asarray(ported.take(frame.astype(np.float32))).reshape(size)
+        assert differences(found[inner], known[inner])[1] < within.COMPENSATED_MEAN
 
 
 def test_frames_are_held_still(port: Port) -> None:

@@ -4,7 +4,8 @@
  */
 
 import { receiverPilotsCompensate } from "../../../generated/constants.js";
-import { planeLike } from "../../image/opencv.js";
+import { lessMeanAround } from "../../image/blur.js";
+import { bytePlane, floatPlane, planeLike } from "../../image/opencv.js";
 import { roundHalfEven } from "../../image/round.js";
 import { remapped, warpedFloats } from "../../image/warp.js";
 import { resizedHomography } from "../../link/geometry.js";
@@ -12,6 +13,7 @@ import { inverse } from "../../link/linear.js";
 import { foundAgain } from "./stabilise.js";
 
 const { SPACING_PX, EARLIER_S, NOTHING, STEPS } = receiverPilotsCompensate;
+const { AROUND_PX, MOST_LEFT, NEWEST, MOST_APART } = receiverPilotsCompensate;
 
 /** Compares frames with earlier ones whose parts are moved to where they now lie. */
 export class Compensator {
@@ -42,6 +44,58 @@ export class Compensator {
     });
     return changes;
   }
+}
+
+/** Tells how much of what changes in a display has only moved: the motion of its picture. */
+export class MovingPicture {
+  /** The frame before, and the picture as it was there. @type {[FloatPlane, BytePlane] | null} */
+  #last = null;
+
+  /**
+   * Take the next frame, and tell by how much motion has changed it since the one before.
+   *
+   * @param {FloatPlane} frame - gray levels in [0, 255], of the size of those before; is kept
+   * @returns {Float32Array} gray levels; 0 where motion does not explain most of the change, and
+   *   everywhere in the first frame
+   */
+  take(frame) {
+    const { width, height, data } = frame;
+    const gray = bytePlane(width, height);
+    data.forEach((level, i) => (gray.data[i] = rounded(level)));
+    const motion = floatPlane(width, height);
+    if (this.#last) {
+      const [before, picture] = this.#last;
+      const moved = movedOnto(gray, picture);
+      const [changed, left, explained] = [0, 1, 2].map(() => floatPlane(width, height));
+      data.forEach((level, i) => {
+        motion.data[i] = moved.data[i] - picture.data[i];
+        changed.data[i] = (level - before.data[i]) ** 2;
+        left.data[i] = (level - before.data[i] - motion.data[i]) ** 2;
+        const apart = (1 - NEWEST) * (moved.data[i] - level);
+        gray.data[i] = rounded(level + Math.min(Math.max(apart, -MOST_APART), MOST_APART));
+      });
+      const [all, rest] = [changed, left].map(meanAround);
+      explained.data.forEach((_, i) => (explained.data[i] = Number(rest[i] < MOST_LEFT * all[i])));
+      meanAround(explained).forEach((share, i) => (motion.data[i] *= share));
+    }
+    this.#last = [frame, gray];
+    return motion.data;
+  }
+}
+
+/** @param {number} level */
+function rounded(level) {
+  return Math.min(Math.max(roundHalfEven(level), 0), 255);
+}
+
+/**
+ * Average `AROUND_PX` by `AROUND_PX` pixels around each one.
+ *
+ * @param {FloatPlane} plane
+ */
+function meanAround(plane) {
+  const apart = lessMeanAround(plane, AROUND_PX, AROUND_PX).data;
+  return plane.data.map((value, i) => value - apart[i]);
 }
 
 /**

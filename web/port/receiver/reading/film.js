@@ -11,6 +11,7 @@ import { areaMeans } from "../../image/shrink.js";
 import { homographyFromCorners, inImage, transform } from "../../link/geometry.js";
 import { SLOTS, mixtureOfExposures } from "../../link/observation.js";
 import { expectedChanges } from "../../link/pilots.js";
+import { MovingPicture } from "../pilots/compensate.js";
 import { CornerShift } from "../tracking/corners.js";
 
 /** @typedef {import("../../export/filmGraph.js").WindowDecoder} WindowDecoder */
@@ -34,12 +35,12 @@ const MESH_POINTS = Array.from(
  */
 
 /**
- * What is kept of a camera frame: also the shrunk gray levels of the rectified display, 1 for each
- * block that lies within the camera frame as a whole, else 0, and `CornerShift.total` by which it
- * was rectified.
+ * What is kept of a camera frame: also the shrunk gray levels of the rectified display, by how much
+ * motion has changed them since the frame before, if that is known, 1 for each block that lies within
+ * the camera frame as a whole, else 0, and `CornerShift.total` by which it was rectified.
  *
- * @typedef {{ gray: Float32Array, seen: Float32Array, total: Float64Array } & RectifiedFrame}
- *   FilmFrame
+ * @typedef {{ gray: FloatPlane, motion: Float32Array | null, seen: Float32Array,
+ *   total: Float64Array } & RectifiedFrame} FilmFrame
  */
 
 /**
@@ -58,6 +59,7 @@ export class FilmReader {
   #window;
   #known;
   #corners;
+  #picture = new MovingPicture();
   /** @type {FilmFrame[]} */
   #frames = [];
   #scoredAt = -Infinity;
@@ -88,6 +90,7 @@ export class FilmReader {
     this.#frames = [];
     this.#scoredAt = -Infinity;
     this.#corners = new CornerShift(this.#layout);
+    this.#picture = new MovingPicture();
   }
 
   /** Begin to count frame pairs anew. */
@@ -116,13 +119,13 @@ export class FilmReader {
     const [width, height] = [rectified.width, rectified.height].map((side) =>
       Math.floor(side / SHRINK),
     );
-    const gray = areaMeans(rectified, width, height).data;
+    const gray = areaMeans(rectified, width, height);
     let seen = new Float32Array(rows * cols).fill(1);
     if (inView) {
       const shares = areaMeans({ width: MESH, height: MESH, data: inView }, cols, rows).data;
       seen = shares.map((share) => (share > 1 - 1e-6 ? 1 : 0));
     }
-    this.#frames.push({ ...frame, gray, seen, total: this.#corners.total });
+    this.#frames.push({ ...frame, gray, motion: null, seen, total: this.#corners.total });
     if (this.#frames.length > MOST_WHOLE) this.#frames.shift();
   }
 
@@ -207,8 +210,9 @@ export class FilmReader {
     const start = performance.now();
     const { rows, cols, width, height, messageBlocks } = this.#layout;
     const mixture = mixtureOfExposures(clock, times, this.#layout, first, last + 1 - first);
+    this.#follow(frames.slice(0, end));
     const scores = await this.#decoder.decode({
-      frames: rowsOf(window.map(({ gray }) => gray)).data,
+      frames: rowsOf(heldStill(window)).data,
       seen: rowsOf(window.map(({ seen }) => seen)).data,
       known: this.#known,
       mixture,
@@ -230,6 +234,21 @@ export class FilmReader {
     const told = frames.filter(({ time }) => clock.number(time + clock.latest) < 2 * next);
     this.#toldUntil = Math.max(this.#toldUntil, ...told.map(({ time }) => time));
     frames.splice(0, Math.max(0, end - this.#window));
+  }
+
+  /**
+   * Find how the picture moves in frames, where that is not known.
+   *
+   * The first frame alone would be a picture with its message. So it is made of the frames that
+   * follow, backwards.
+   *
+   * @param {FilmFrame[]} frames - from the oldest that is kept on
+   */
+  #follow(frames) {
+    if (!frames[0].motion) {
+      for (const { gray } of frames.slice(0, LEAST_FRAMES).reverse()) this.#picture.take(gray);
+    }
+    for (const frame of frames) frame.motion ??= this.#picture.take(frame.gray);
   }
 
   /**
@@ -265,6 +284,22 @@ export class FilmReader {
     this.#corners.take(images, expected, totals);
     this.#timing.add("correct", start);
   }
+}
+
+/**
+ * Hold the picture still in a window: what has only moved since the middle frame is taken off.
+ *
+ * @param {FilmFrame[]} window - whose motion is known
+ * @returns {Float32Array[]} gray levels of each frame
+ */
+function heldStill(window) {
+  const sum = new Float32Array(window[0].gray.data.length);
+  const moved = window.map(({ motion }) => {
+    motion?.forEach((step, i) => (sum[i] += step));
+    return sum.slice();
+  });
+  const middle = moved[window.length >> 1];
+  return window.map(({ gray }, t) => gray.data.map((level, i) => level - moved[t][i] + middle[i]));
 }
 
 /**
