@@ -26,9 +26,10 @@ from receiver.reading.states import DisplayState
 from receiver.seen import MESH
 from receiver.timing.toggles import patch_toggles
 
-FPS, LOOKS = 30.0, 60
-"""Rate at which a film shows the two photographs by turns, and number of its frames after which the
-search ends: displays were found within 40, or not at all."""
+FPS, HOLD, LOOKS = 30.0, 2, 60
+"""Rate at which a film shows the two photographs by turns, number of its frames for which it shows
+each, and number after which the search ends: displays were found within 40, or not at all. Each is
+shown twice because the map of what toggles has learned from no film whose states last a frame."""
 
 STILL = 2.0
 """Smallest change of the toggles between two images, in standard errors over patches or pilots, at
@@ -74,7 +75,7 @@ def find_in_both(first: Image, second: Image, layouts: Sequence[Layout]) -> Disp
 def _by_turns(first: Image, second: Image, layouts: Sequence[Layout]) -> PilotDisplay | None:
     """Search a film of both photographs by turns, which begins with the first."""
     search = PilotSearch(layouts, FPS)
-    looks = (search.push((first, second)[at % 2], at / FPS) for at in range(LOOKS))
+    looks = (search.push((first, second)[at // HOLD % 2], at / FPS) for at in range(LOOKS))
     return next((found for found in looks if found is not None), None)
 
 

@@ -21,6 +21,7 @@ from link.presets import PRESETS, Preset, preset_name
 from link.types import Image
 from models import PRETRAINED, PRETRAINED_PILOTS, shipped_graphs
 from receiver.decoders import ShippedDecoder
+from receiver.pilots.search import proposals
 from receiver.reading.occlusion import Occlusion
 from receiver.reading.reader import DecodedPair
 from receiver.reading.shown import States
@@ -29,7 +30,7 @@ from receiver.receiver import Receiver, make_trackers
 from receiver.stream import MAX_PRINTED_BITS, pair_event
 from receiver.tracking.patches import Tracker
 from receiver.tracking.pilots import PilotTracker
-from receiver.tracking.two_images import decode_in_both
+from receiver.tracking.two_images import decode_in_both, find_in_both
 
 PAPER, ROBUST = PRESETS["paper"].layout, PRESETS["robust"].layout
 BARE = make_layout(ratex=0)
@@ -80,6 +81,17 @@ def test_pilots_share_a_tracker_and_patches_have_one_each() -> None:
     assert kinds == [Tracker, PilotTracker]
     other = make_layout(6, 6)
     assert [type(tracker) for tracker in make_trackers([PAPER, other], 30.0)] == [Tracker] * 2
+
+
+@pytest.mark.slow
+def test_a_display_without_edges_is_found_in_two_images_by_what_toggles(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(proposals, "display_candidates", lambda *_: [])
+    first, second = filmed(ROBUST, 2, seed=1, hold=1, kappa=3.0)[0]
+    found = find_in_both(first, second, [ROBUST])
+    assert found is not None
+    assert max(np.abs(corners - CORNERS).max() for corners in found.corners) < 3
 
 
 def test_two_images_must_show_both_states() -> None:
