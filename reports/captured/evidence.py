@@ -18,6 +18,7 @@ from link.outside import is_file, read_json
 from models.film.window import gray_frames
 from reports.captured.door import FILMS
 from reports.engine.checked import Count, Number, checked
+from reports.score.reliability import told
 
 BIN_S, MOST_BINS = 0.25, 16
 """Seconds of film over which wrong bits are counted together, and largest number of such stretches
@@ -104,6 +105,9 @@ class FilmEvidence:
     blocks_s: Number
     """Number of message blocks a second that the displays showed, of frame pairs; 0 where no film
     tells the display's rate."""
+    bits_s: dict[str, Number]
+    """Information in bits a second that the scores of the best method hold, by film; of films that
+    tell the display's rate."""
 
     def over_time(self, most: int) -> dict[str, list[WrongBits]]:
         """Wrong bits of the first ``most`` films, by film; of those with several bins of time."""
@@ -162,6 +166,7 @@ def film_evidence(
         _wrong_bits(table, "level", LEVELS, []),
         _maps(grids, folder) if pictures else [],
         _blocks_a_second(seen, entries),
+        _bits_a_second(seen, entries, records),
     )
 
 
@@ -219,6 +224,20 @@ def _maps(
         name = f"{PICTURES}/map_{number}.jpg"
         write_image(folder / name, np.asarray(large, np.uint8))
         found.append((method, name))
+    return found
+
+
+def _bits_a_second(
+    seen: Sequence[FilmSeen], entries: Sequence[Entry], records: pd.DataFrame
+) -> dict[str, float]:
+    """Find how many bits of information a second the best method has of each film."""
+    found = {}
+    for film in seen:
+        parts = [at for at, entry in enumerate(entries) if entry.meta.get("film") == film.film]
+        mine = records[records["index"].isin(parts) & (records["known"] > 0)]
+        if film.state_hz and len(mine):
+            most = max(told(part)[1] for _, part in mine.groupby("method"))
+            found[film.film] = most * film.state_hz / 2 * entries[parts[0]].layout.n_bits
     return found
 
 

@@ -1,6 +1,6 @@
 """Tables and figures of one run, as its page shows them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import pandas as pd
 from matplotlib.figure import Figure
@@ -58,8 +58,13 @@ def places_figure(film: FilmSeen) -> Figure:
     return figure
 
 
-def seen_table(films: Sequence[FilmSeen]) -> Table:
-    """Tabulate what the receiver saw of each film."""
+def seen_table(films: Sequence[FilmSeen], bits_s: Mapping[str, float]) -> Table:
+    """Tabulate what the receiver saw of each film, and how much the best method reads in a second.
+
+    Args:
+        films: what the receiver saw.
+        bits_s: as `reports.captured.evidence.FilmEvidence.bits_s`.
+    """
     rows = []
     for film in films:
         shutter = 1000 * film.exposed / film.state_hz if film.state_hz else None
@@ -73,7 +78,8 @@ def seen_table(films: Sequence[FilmSeen]) -> Table:
                 "–" if film.level is None else f"{film.level:.0f}",
                 f"{100 * film.clipped:.1f}",
                 str(film.cut),
+                f"{bits_s[film.film]:,.0f}" if film.film in bits_s else "–",
             ]
         )
     heads = ("recording", "frames with display", "frames/s", "states/s", "exposure, ms")
-    return Table((*heads, "mean level", "at limit %", "cut off"), rows)
+    return Table((*heads, "mean level", "at limit %", "cut off", "most bits a second"), rows)

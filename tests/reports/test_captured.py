@@ -34,9 +34,11 @@ from reports.captured.door import (
     open_recordings,
     photographed,
 )
+from reports.captured.evidence import film_evidence
 from reports.captured.receive import Cut, Reception, stretches
 from reports.captured.sent import Sent, read_sent, sent_bits
 from reports.captured.truth import match_loop
+from reports.engine.records import read_predictions
 from sender import __main__ as send
 from sender.bench import PARTS
 
@@ -281,6 +283,8 @@ def test_a_film_is_evaluated_and_goes_on_where_it_was_cut_off(
     assert predictions.read_bytes() == before
     page = (out / "report.html").read_text()
     assert "What the receiver saw" in page
+    evidence = film_evidence(out / "captures", read_predictions(predictions), out, pictures=False)
+    assert 0.3 < evidence.bits_s["film_10deg"] / evidence.blocks_s <= 1
     other = replace(sent, bits=1 - sent.bits)
     monkeypatch.setattr("reports.captured.door.read_sent", lambda path: (other,))
     done = command(evaluate.main, *run[:4], "--out", tmp_path / "other", status=2)
