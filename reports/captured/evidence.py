@@ -105,7 +105,7 @@ class FilmEvidence:
     blocks_s: Number
     """Number of message blocks a second that the displays showed, of frame pairs; 0 where no film
     tells the display's rate."""
-    bits_s: dict[str, Number]
+    bits_s: dict[str, Number] = field(default_factory=dict)
     """Information in bits a second that the scores of the best method hold, by film; of films that
     tell the display's rate."""
 
