@@ -159,14 +159,14 @@ def film_evidence(
             counts = grid.setdefault(size, np.zeros((2, *size)))
             for number, mine in enumerate((wrong, known)):
                 counts[number][layout.message_mask] += mine.reshape(pairs, -1).sum(0)
-    table = pd.concat(rows)
+    table, blocks = pd.concat(rows), _blocks_a_second(seen, entries)
     return FilmEvidence(
         seen,
         _wrong_bits(table, "time", bin_s, ["film"]),
         _wrong_bits(table, "level", LEVELS, []),
         _maps(grids, folder) if pictures else [],
-        _blocks_a_second(seen, entries),
-        _bits_a_second(seen, entries, records),
+        float(np.mean(blocks)),
+        _bits_a_second(blocks, entries, records),
     )
 
 
@@ -228,23 +228,31 @@ def _maps(
 
 
 def _bits_a_second(
-    seen: Sequence[FilmSeen], entries: Sequence[Entry], records: pd.DataFrame
+    blocks: Sequence[float], entries: Sequence[Entry], records: pd.DataFrame
 ) -> dict[str, float]:
-    """Find how many bits of information a second the best method has of each film."""
+    """Find how many bits of information a second the best method has of each film.
+
+    Args:
+        blocks: number of blocks a second of each entry; 0 where it is not known.
+        entries: parts of the films.
+        records: predictions of the entries.
+    """
+    parts: dict[str, list[int]] = {}
+    for number, entry in enumerate(entries):
+        if blocks[number]:
+            parts.setdefault(str(entry.meta["film"]), []).append(number)
     found = {}
-    for film in seen:
-        parts = [at for at, entry in enumerate(entries) if entry.meta.get("film") == film.film]
-        mine = records[records["index"].isin(parts) & (records["known"] > 0)]
-        if film.state_hz and len(mine):
+    for film, numbers in parts.items():
+        mine = records[records["index"].isin(numbers) & (records["known"] > 0)]
+        if len(mine):
             most = max(told(part)[1] for _, part in mine.groupby("method"))
-            found[film.film] = most * film.state_hz / 2 * entries[parts[0]].layout.n_bits
+            found[film] = most * blocks[numbers[0]]
     return found
 
 
-def _blocks_a_second(seen: Sequence[FilmSeen], entries: Sequence[Entry]) -> float:
-    """Mean over the entries of how many blocks the display showed in a second."""
+def _blocks_a_second(seen: Sequence[FilmSeen], entries: Sequence[Entry]) -> list[float]:
+    """Tell how many blocks the display showed in a second, by entry; 0 where it is not known."""
     rates = {film.film: film.state_hz for film in seen}
-    blocks = [
+    return [
         (rates.get(str(entry.meta.get("film"))) or 0) / 2 * entry.layout.n_bits for entry in entries
     ]
-    return float(np.mean(blocks))
