@@ -43,8 +43,11 @@ def decode_by_pairs(decoder: BlockDecoder, film: Observation) -> SoftBits:
     scores = []
     for number in range(film.mixture.count):
         original, embedded, purity = compose_pair(film, number)
-        pair = Observation.still(original, embedded, layout, film.kappa, film.ratex_kappa)
         trust = trust_of_purity(purity)[layout.message_mask]
+        if number and not trust.any():  # the first pair always shows whether the layout is suited
+            scores.append(np.zeros(layout.n_bits))
+            continue
+        pair = Observation.still(original, embedded, layout, film.kappa, film.ratex_kappa)
         scores.append(decoder.decode(pair).scores * trust)
     return SoftBits(np.concatenate(scores))
 

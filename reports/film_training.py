@@ -16,7 +16,9 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from data_gen.film.message import Take
+from data_gen.film.codec import CodecSettings
+from data_gen.film.message import FilmSettings, Take
+from data_gen.film.phone import PhoneSettings
 from data_gen.pairs import PAIRS, get_pair
 from export.to_onnx import export_film
 from link.captures import KnownWindow, pack_windows, unpack_windows
@@ -42,6 +44,9 @@ from reports.evaluation.trained import BEFORE, held_out_table, write_page
 from reports.films import film_cuts, film_settings
 from reports.run import PREDICTIONS, claim_folder
 
+PHONE_KBITS, MOST_REDUCED = (8000.0, 24_000.0), 0.5
+"""Least and largest rate of a phone's video in thousands of bits a second, and largest share of the
+stored frame before that its noise reduction mixes into a frame."""
 UNDECISIVE = ("jobs",)
 """Settings in which two runs of one folder may differ, because they decide no result."""
 
@@ -60,19 +65,30 @@ class FilmTrainConfig:
     out: Path | None = None
     """Folder of the run; runs/PAIR-films by default. Films that it holds already are not made
     again; a folder that holds another run is refused."""
-    filmed: tuple[str, ...] = ("hidden:30", "hidden:60", "fast:60", "robust:30")
-    """Films to train on, each named PRESET:FPS."""
+    filmed: tuple[str, ...] = (
+        "hidden:30",
+        "hidden:30:moving",
+        "hidden:60",
+        "hidden:60:moving",
+        "fast:60",
+        "fast:60:moving",
+        "robust:30",
+        "robust:30:moving",
+    )
+    """Films to train on, each named PRESET:FPS or PRESET:FPS:CARRIERS."""
+    phones: float = 0.5
+    """Share of the films that a phone's noise reduction and video codec change."""
     start: Start = "shipped"
     """Initial constants: those of the shipped film decoder, or "constants" as the code has them."""
-    number: int = 102
+    number: int = 144
     """Number of training films, dealt out evenly to what is filmed and to the pairs."""
-    held_out: int = 12
+    held_out: int = 24
     """Number of held-out films, of test pictures, by which the result is measured."""
     seconds: float = 1.4
     """Length of each film, seconds; cameras below 60 frames a second film longer."""
     max_view: float = 60.0
     """Largest angle between the camera and the display's normal, degrees."""
-    steps: int = 600
+    steps: int = 300
     """Number of the optimiser's steps."""
     batch: int = 4
     """Number of windows in a step."""
@@ -132,6 +148,8 @@ def check(config: FilmTrainConfig) -> None:
     """Raise an `InputError` that names the first flag whose value is wrong."""
     at_least(1, number=config.number, held_out=config.held_out, steps=config.steps)
     at_least(1, batch=config.batch, jobs=config.jobs)
+    if not 0 <= config.phones <= 1:
+        raise ParameterError("phones", f"need a share of 0 to 1, got {config.phones:g}")
     check_rate(config.lr)
     for name in config.filmed:
         if not reads_films(film_settings(name).layout):
@@ -167,11 +185,20 @@ def deal_out(config: FilmTrainConfig, split: str, folder: Path) -> list[Recordin
     recordings = []
     for number in range(config.number if split == "train" else config.held_out):
         settings = film_settings(config.filmed[number % len(config.filmed)])
+        if rng.random() < config.phones:
+            settings = through_phone(settings, rng)
         view = round(float(rng.uniform(0, config.max_view)), 1)
         take = Take(settings, pairs[number % len(pairs)], view, number, config.seed, split)
         name = f"{number:04d}_{take.name.replace(' ', '_')}.npz"
         recordings.append(Recording(take, config.seconds, folder / name))
     return recordings
+
+
+def through_phone(settings: FilmSettings, rng: np.random.Generator) -> FilmSettings:
+    """Have a phone reduce the noise of a film by what it stored before, and compress it."""
+    kbits = float(np.exp(rng.uniform(*np.log(PHONE_KBITS))))
+    phone = PhoneSettings(noise_reduction=float(rng.uniform(0, MOST_REDUCED)))
+    return replace(settings, phone=phone, codec=CodecSettings("h264", kbits))
 
 
 def load_windows(recording: Recording) -> list[KnownWindow]:

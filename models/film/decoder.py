@@ -15,8 +15,8 @@ As in `models.phi.refine`, the pilots start it and the message's blocks finish i
 solves the ridge problems of all frames (convex, in closed form) with the bits expected so far,
 estimates how the picture of each block moves and how noisy it is at each time, and then the bits.
 Rounds also know what many blocks do together (`models.film.patterns`), and the pilots tell in the
-end whether the scores are too sure (`certainty`). The rounds are those of expectation maximisation
-(Dempster, Laird & Rubin 1977) with a mean field over the pairs.
+end whether the scores are as sure as they are right (`certainty`). The rounds are those of
+expectation maximisation (Dempster, Laird & Rubin 1977) with a mean field over the pairs.
 """
 
 from __future__ import annotations  # export cannot trace those of inner functions
@@ -47,7 +47,7 @@ from models.phi.refine import GRAY_LEVELS, MOMENTS, logs, typical_response, with
 from models.phi.refine_pilots import LEAST_RESPONSE
 from models.phi.register import derivatives
 
-ROUNDS, LEARNED = 4, 2
+ROUNDS, LEARNED = 5, 2
 """Number of rounds, in the first of which the pilots alone tell the amplitude, and number of times
 in each that noise and motion are estimated."""
 FIRST_BAND, BANDS = 3, 6
@@ -70,7 +70,7 @@ UNSEEN = 1e6
 """Variance, in squared gray levels, of a block that a frame does not show."""
 MOST_SURPRISING = 25.0
 """Largest square of an innovation, in its variances, that counts as noise."""
-CERTAINTY_STEPS, CERTAINTY_PRIOR = 4, 25.0
+CERTAINTY_STEPS, CERTAINTY_PRIOR = 4, 100.0
 """Number of Newton steps by which `certainty` is found, and how precisely it is known beforehand to
 be 1, as an inverse variance."""
 DISPLAY_GAMMA, BLACK_LIGHT = 2.2, 0.01
@@ -242,7 +242,7 @@ class FilmDecoder(nn.Module):
         )
         llr = Estimates(*repeat(ROUNDS, improve, tuple(each.clone() for each in start))).llr
         llr = self.temperature.double().exp() * llr.double()
-        if not self.training:  # or else the temperature would rise without bound
+        if not self.training:  # the temperature is learned without this correction
             llr = certainty(llr, known) * llr
         llr = with_surprises(llr, self.surprise)
         return llr.float().reshape(pairs.shape[0], rows, cols)
@@ -566,29 +566,29 @@ class Estimates(NamedTuple):
 
 
 def certainty(llr: Tensor, known: Tensor) -> Tensor:
-    """Find by how much scores must shrink to be no surer than the pilots say that they are right.
+    """Find by how much scores must be scaled to be as sure as the pilots say that they are right.
 
     The score of a pilot leaves out that its bit is known. So the factor is the likeliest one for
-    the pilots' bits (Platt 1999, without his offset), or 1 where that is larger.
+    the pilots' bits (Platt 1999, without his offset).
 
     Args:
         llr: (P, B) float64 natural log-likelihood ratios.
         known: (1, B), -1 or 1 where a block is a pilot, else 0.
 
     Returns:
-        a number in (0, 1], float64.
+        a positive number, float64.
 
     >>> known = torch.tensor([[1.0, -1.0, 1.0, 0.0]])
-    >>> llr = torch.tensor([[2.0, -2.0, -2.0, 9.0]], dtype=torch.float64).expand(99, -1)
+    >>> llr = torch.tensor([[2.0, -2.0, -2.0, 9.0]], dtype=torch.float64).expand(999, -1)
     >>> round(certainty(llr, known).item(), 2)  # two of three are right, so 0.69 of 2 is due
-    0.4
+    0.37
     """
     right, factor = known * llr, torch.ones((), dtype=torch.float64)
     for _ in range(CERTAINTY_STEPS):
         wrong = (-factor * right).sigmoid()
         slope = (wrong * right).sum() + CERTAINTY_PRIOR * (1 - factor)
         curvature = (wrong * (1 - wrong) * right * right).sum() + CERTAINTY_PRIOR
-        factor = (factor + slope / curvature).maximum(factor / 2).clamp_max(1)
+        factor = (factor + slope / curvature).maximum(factor / 2)
     return factor
 
 
