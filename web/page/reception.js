@@ -85,7 +85,7 @@ export class Reception {
    * Begin a new film or camera.
    *
    * @param {number | null} fps - frames a second, or null where they are to be measured
-   * @param {boolean} [isCamera] - whether frames may be passed over where no display is seen
+   * @param {boolean} [isCamera] - whether frames come from a camera, and not from a film
    */
   begin(fps, isCamera = false) {
     this.end();

@@ -171,7 +171,7 @@ async function planeOf({ frame, rotation = 0, rgba }) {
 function start(fps, key, maxAgeS, isCamera) {
   film.fps = fps;
   film.scores = null;
-  film.receiver = new Receiver([...presets.keys()], graphs, fps, isCamera ? FRAME_MS : Infinity, isCamera);
+  film.receiver = new Receiver([...presets.keys()], graphs, fps, isCamera ? FRAME_MS : Infinity);
   const isSame = key && judge.key && equalBytes(key, judge.key) && maxAgeS === judge.maxAgeS;
   if (!isSame) Object.assign(judge, { key, maxAgeS, verifier: key && new Verifier(key, maxAgeS) });
   film.inbox = new Inbox(judge.verifier);

@@ -12,7 +12,6 @@ import { rateOf } from "../page/frames.js";
 import { planeOfFrame, planeOfRgba } from "../page/planes.js";
 import { Reception } from "../page/reception.js";
 import { linkOf, noteOf } from "../page/text.js";
-import { AWAKE_S, LOOK_S, Rests } from "../port/receiver/rests.js";
 
 /**
  * @param {string} format @param {boolean | null} fullRange @param {Uint8Array} data
@@ -252,18 +251,4 @@ test("frames are exposed for a shorter time, and the gain makes up for it", asyn
   const refusing = [{}, { ...able, iso: undefined }, { ...able, exposureMode: ["continuous"] }];
   for (const less of refusing) assert.ok(!(await shortenExposure(track(less), 0.5)));
   assert.equal(applied.length, 2);
-});
-
-test("a camera that sees no display rests between searches, and wakes where much changes", () => {
-  const rests = new Rests();
-  const passed = (/** @type {number} */ from, /** @type {number} */ to, change = 2, isIdle = true) =>
-    Array.from({ length: 10 * (to - from) }, (_, i) => rests.passes(from + i / 10, change, isIdle));
-  const share = (/** @type {boolean[]} */ told) => told.filter(Boolean).length / told.length;
-  assert.equal(share(passed(0, AWAKE_S)), 0);
-  assert.equal(share(passed(AWAKE_S, 12, 2, false)), 0); // a search that has begun is ended first
-  const slept = share(passed(12, 32));
-  assert.ok(slept > 0.6 && slept < 0.8);
-  assert.equal(share(passed(32, 40, 8).slice(1 + LOOK_S * 10)), 0); // what toggles wakes it at once
-  rests.wake(40);
-  assert.equal(share(passed(40, 49)), 0); // so does a display
 });

@@ -10,7 +10,6 @@
 import { images, receiverTrackingJudge } from "../../generated/constants.js";
 import { DisplayReader } from "./reading/reader.js";
 import { Repeats } from "./repeats.js";
-import { Rests } from "./rests.js";
 import { Sight, StageTimes } from "./sight.js";
 import { PilotTracker } from "./tracking/pilots.js";
 
@@ -39,7 +38,6 @@ export class Receiver {
   #film;
   #fps;
   #repeats = new Repeats();
-  #rests;
   #sight = new Sight();
   /** @type {Tracked | null} */
   #tracked = null;
@@ -61,10 +59,8 @@ export class Receiver {
    * @param {number} [fps] - nominal number of frames of the camera in a second
    * @param {number} [frameMs] - time, in milliseconds, after which a search begins no step with a
    *   frame, for a camera that does not wait
-   * @param {boolean} [mayRest] - whether frames may be passed over where no display has been seen for
-   *   long (`Rests`)
    */
-  constructor(layouts, { film, region }, fps = 30, frameMs = Infinity, mayRest = false) {
+  constructor(layouts, { film, region }, fps = 30, frameMs = Infinity) {
     if (layouts.length === 0) throw new Error("layouts: need at least one");
     /** Time spent in each stage so far. */
     this.timing = new StageTimes();
@@ -74,7 +70,6 @@ export class Receiver {
     this.frames = 0;
     this.#film = film;
     this.#fps = fps;
-    this.#rests = mayRest ? new Rests() : null;
     /** @type {Graphs["region"]} */
     const mapper = {
       logOdds: (stills) =>
@@ -192,8 +187,6 @@ export class Receiver {
    */
   #find(frame, time, begun) {
     const isFollowed = this.#isFollowing;
-    if (isFollowed) this.#rests?.wake(time);
-    else if (this.#rests?.passes(time, this.#repeats.change, this.#tracker.isIdle)) return null;
     const isInVain = isFollowed && this.#isInVain();
     if (isInVain) this.#tracker.forget();
     const tracked = this.#tracker.follow(frame, time, begun);

@@ -62,11 +62,6 @@ export class PilotTracker {
     return this.#follower.layout;
   }
 
-  /** Whether no display is followed, and no search has begun. */
-  get isIdle() {
-    return this.#follower.corners === null && this.#search.isIdle;
-  }
-
   /**
    * Move the display within its rectified image, from the next frame on.
    *

@@ -59,8 +59,6 @@ const SPARE = 0.8;
 export class PilotSearch {
   /** Whether the picture of the display that was found last was taken, or seen, to move. */
   pictureMoves = false;
-  /** Whether no search has begun, or one has just ended. */
-  isIdle = true;
   /** Number of the next window, from the last display on. */
   #begun = 0;
   /** @type {WindowSearch[]} */
@@ -97,7 +95,6 @@ export class PilotSearch {
    * @returns {PilotDisplay | null} the display once it is sure
    */
   push(gray, time, begun = performance.now()) {
-    this.isIdle = false;
     this.#windows = this.#windows.filter(({ watch }) => {
       if (watch.take(gray, time)) return true;
       if (watch.frames.length === 0) this.#begun--; // what began with a blank frame does not count
@@ -158,7 +155,6 @@ export class PilotSearch {
    * @returns {PilotDisplay | null}
    */
   #ended(settled, window) {
-    this.isIdle = true;
     if (settled === null) {
       this.#windows = this.#windows.filter((each) => each !== window);
       return null;
