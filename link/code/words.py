@@ -19,18 +19,16 @@ WORD = 48
 """Number of bits of a word."""
 SEED = 13
 """The first seed with which any two words differ in 14 bits or more."""
+_ROWS = scrambled(np.arange(NUMBER_BITS), SEED)[:, None] >> np.arange(WORD, dtype=np.uint64)
+COLUMNS = (1 << np.arange(NUMBER_BITS)[::-1]) @ (_ROWS & np.uint64(1)).astype(np.int64)
+"""(48,) masks, one for each bit of a word: that bit is the sum modulo 2 of those bits of the number
+that the mask has. So words are all sums modulo 2 of twelve pseudo-random ones."""
 
 
 @lru_cache(maxsize=1)
 def all_words() -> NDArray[np.uint8]:
-    """List the words of all numbers in order: (4096, 48) uint8, 0 or 1.
-
-    Words are all sums modulo 2 of twelve pseudo-random ones.
-    """
-    places = np.arange(WORD, dtype=np.uint64)
-    rows = (scrambled(np.arange(NUMBER_BITS), SEED)[:, None] >> places) & np.uint64(1)
-    numbers = np.arange(NUMBERS)[:, None] >> np.arange(NUMBER_BITS)[::-1] & 1
-    return np.asarray(numbers @ rows.astype(np.int64) % 2, np.uint8)
+    """List the words of all numbers in order: (4096, 48) uint8, 0 or 1."""
+    return np.asarray(np.bitwise_count(np.arange(NUMBERS)[:, None] & COLUMNS) & 1, np.uint8)
 
 
 @lru_cache(maxsize=1)

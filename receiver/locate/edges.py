@@ -66,6 +66,11 @@ def side_places(samples: int) -> NDArray[np.float64]:
     return np.asarray((np.arange(samples) + 0.5) / samples * SIDE_SHARE + SIDE_START)
 
 
+PLACES, CONTENT_PLACES, SNAP_PLACES = map(side_places, (SAMPLES, 12, SNAP_SAMPLES))
+"""Places along a side, in lengths of it, at which edges are looked at, and what lies well inside;
+and at which edges are sought that sides snap to."""
+
+
 def profiles(
     image: NDArray[np.uint8] | NDArray[np.float32],
     quads: NDArray[np.float64],
@@ -115,7 +120,7 @@ def side_features(small: NDArray[np.uint8], quads: NDArray[np.float64]) -> NDArr
     height, width = value.shape
     white = float(np.quantile(value[::3, ::3], WHITE_QUANTILE)) + 10
     unit = STEP_LEVELS * (0.3 + 0.7 * min(1.0, white / 200))
-    v = profiles(value, quads, np.arange(-REACH, REACH + 1.0), SAMPLES)  # (N, 4, S, 2R+1)
+    v = profiles(value, quads, np.arange(-REACH, REACH + 1.0), PLACES)  # (N, 4, S, 2R+1)
     inside = v[..., REACH + 1 : REACH + 4].mean(axis=(1, 2, 3))
     rim_level = v[..., REACH - 4 : REACH].min(axis=-1).mean(axis=(1, 2))
     near = v[..., REACH + 1] - v[..., REACH - 1]
@@ -125,11 +130,11 @@ def side_features(small: NDArray[np.uint8], quads: NDArray[np.float64]) -> NDArr
     beside = np.abs(v[..., 2:] - v[..., :-2])[..., [0, 1, 2 * REACH - 3, 2 * REACH - 2]]
     ahead = profiles(value, quads, np.array([-1.5, 1.5]), AHEAD)
     goes_on = np.abs(ahead[..., 1] - ahead[..., 0]) > unit
-    rim = profiles(image, quads, np.array([RIM_PX]), SAMPLES)[..., 0, :]  # (N, 4, S, 3)
+    rim = profiles(image, quads, np.array([RIM_PX]), PLACES)[..., 0, :]  # (N, 4, S, 3)
     uneven = np.abs(rim - np.median(rim, axis=(1, 2), keepdims=True)).mean(axis=(1, 2, 3))
-    beyond = profiles(value, _grown(quads, BEYOND_SCALE), np.zeros(1), SAMPLES).mean(axis=(1, 2, 3))
+    beyond = profiles(value, _grown(quads, BEYOND_SCALE), np.zeros(1), PLACES).mean(axis=(1, 2, 3))
     content = sum(
-        profiles(value, _grown(quads, scale), np.zeros(1), 12).mean(axis=(1, 2, 3)) / 3
+        profiles(value, _grown(quads, scale), np.zeros(1), CONTENT_PLACES).mean(axis=(1, 2, 3)) / 3
         for scale in CONTENT_SCALES
     )
     x, y = quads[..., 0], quads[..., 1]

@@ -47,6 +47,11 @@ camera change them together."""
 PROFILE_PX, ALONG = 8, 32
 """Distance from a side of a quadrilateral, in pixels of the image, up to which its profile shows
 edges, and number of places along each side over which it is averaged."""
+PROFILE_PLACES = (np.arange(ALONG) + 0.5) / ALONG * 0.8 + 0.1
+"""These places, (32,), in lengths of the side from its start: clear of the corners."""
+PROFILE_OFFSETS = np.arange(-PROFILE_PX, PROFILE_PX + 1.0)
+"""Distances from a side, (17,), in pixels along the inward normal, at which a profile is
+measured."""
 BETTER = 0.1
 """Correlation by which one place's profiles must be more like the reference's than another's."""
 
@@ -88,9 +93,7 @@ def border_profiles(gray: Gray, corners: Corners) -> Array:
         (4, 2 `PROFILE_PX`) mean size of the step between neighbouring places, gray levels, from
         outside to inside.
     """
-    share = (np.arange(ALONG) + 0.5) / ALONG * 0.8 + 0.1
-    offsets = np.arange(-PROFILE_PX, PROFILE_PX + 1.0)
-    levels = profiles(gray, corners[None], offsets, share)[0]  # (4, ALONG, offsets)
+    levels = profiles(gray, corners[None], PROFILE_OFFSETS, PROFILE_PLACES)[0]  # (4, 32, 17)
     return np.asarray(np.abs(np.diff(levels, axis=2)).mean(axis=1, dtype=np.float64))
 
 

@@ -68,12 +68,13 @@ class PilotToggles:
         row, col = np.divmod(layout.pilot_blocks, layout.cols)
         rows, cols = min(PARTS[0], layout.rows), min(PARTS[1], layout.cols)
         part = (row * rows // layout.rows) * cols + col * cols // layout.cols
-        taken, self._part = np.unique(part, return_inverse=True)
+        taken, self.parts = np.unique(part, return_inverse=True)
+        """(pilots,) number of the part in which each pilot lies, of those that have any."""
         at_row, at_col = np.divmod(taken, cols)
         self.places = np.stack([(at_col + 0.5) / cols, (at_row + 0.5) / rows], axis=1)
         """(P, 2) x and y of the parts on the display, in [0, 1]."""
         parts = np.arange(len(taken))
-        self._signs_of_parts = pilot_signs(layout)[:, None] * (self._part[:, None] == parts)
+        self._signs_of_parts = pilot_signs(layout)[:, None] * (self.parts[:, None] == parts)
 
     def over_time(self, values: Real) -> Array:
         """Average the (n, pilots) values of n frames: (n, P) toggles, in captured gray levels."""
@@ -81,7 +82,7 @@ class PilotToggles:
         apart = series - series.mean(axis=0)
         weights = 1 / ((apart**2).mean(axis=0) + LEAST_VARIANCE)
         sums = (apart * weights) @ self._signs_of_parts
-        return np.asarray(2 * sums / np.bincount(self._part, weights))
+        return np.asarray(2 * sums / np.bincount(self.parts, weights))
 
 
 Toggles = PatchToggles | PilotToggles

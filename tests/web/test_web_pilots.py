@@ -168,7 +168,6 @@ def test_corners_move_by_parts_of_a_display(
 @pytest.mark.parametrize("layout", [FINE, SMALL], ids=["fine", "small"])
 def test_maps_without_slope(port: Port, layout: Layout) -> None:
     module, size = port(MOTION_JS), map_size(layout)
-    assert module.mapSize(layout) == list(size)
     change = np.random.default_rng(2).normal(0, 1, size[::-1]).astype(np.float32)
     block = np.array([size[0] / layout.cols, size[1] / layout.rows])
     found = module.withoutSlope(change, block.tolist())

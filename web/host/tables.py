@@ -1,7 +1,7 @@
 """Tables of each preset for the pages, as numbers that Python works out.
 
-Places of pilots, tiles of patches, dither and room for it are drawn here once, so that the pages do
-not repeat it.
+Places of pilots, sizes of maps, tiles of patches, dither and room for it are worked out here once,
+so that the pages do not repeat it.
 
 The page that sends shows every preset. The page that reads knows those that the film decoder reads,
 which have pilots; `paper` is read by ``python -m receiver``.
@@ -14,6 +14,9 @@ from link.layout import Layout
 from link.presets import Preset, needed_camera_fps
 from link.ratex import TILES, shown_levels
 from models.film.window import reads_films
+from receiver.pilots.motion import map_size
+from receiver.pilots.search.all_blocks import block_maps
+from receiver.timing.toggles import PilotToggles
 from sender.compact import Compact, film_page, rule_page
 from sender.hiding import Hiding, Onlooker
 
@@ -25,6 +28,7 @@ def layout_table(layout: Layout) -> dict[str, Any]:
     >>> layout_table(make_layout(4, 4, modulation="antipodal", pilots=4))["pilot_bits"]
     [0, 1, 0, 1]
     """
+    toggles, maps = PilotToggles(layout), block_maps(layout)
     return {
         "rows": layout.rows,
         "cols": layout.cols,
@@ -33,6 +37,10 @@ def layout_table(layout: Layout) -> dict[str, Any]:
         "code_signs": layout.code.signs.tolist(),
         "pilot_blocks": layout.pilot_blocks.tolist(),
         "pilot_bits": layout.pilot_bits.tolist(),
+        "parts": toggles.parts.tolist(),
+        "part_places": toggles.places.ravel().tolist(),
+        "map_size": map_size(layout),
+        "block_maps": [maps.inner, maps.margin],
     }
 
 

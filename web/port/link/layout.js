@@ -24,6 +24,14 @@ export class Layout {
     this.pilotBlocks = Int32Array.from(table.pilot_blocks);
     /** Known bits of the pilots, 0 or 1. */
     this.pilotBits = Uint8Array.from(table.pilot_bits);
+    /** Part of the display in which each pilot lies (`PilotToggles`). */
+    this.parts = Int32Array.from(table.parts);
+    /** (P, 2) x and y of these parts on the display, in [0, 1]. */
+    this.partPlaces = Float64Array.from(table.part_places);
+    /** Width and height of the maps of what toggles. @type {[number, number]} */
+    this.mapSize = table.map_size;
+    /** `inner` and `margin` of the maps in which all blocks are fitted. @type {[number, number][]} */
+    this.blockMaps = table.block_maps;
     /** 1 where a block carries a message bit, else 0. */
     this.messageMask = new Uint8Array(this.rows * this.cols).fill(1);
     for (const block of this.pilotBlocks) this.messageMask[block] = 0;

@@ -7,25 +7,9 @@
  */
 
 import { codeWords } from "../../../generated/constants.js";
-import { range, scrambled } from "./scrambled.js";
 
 export const { NUMBERS, WORD } = codeWords;
-const { NUMBER_BITS, SEED } = codeWords;
-
-/** Bits of the number that are added up in each bit of its word, as a mask. */
-const COLUMNS = columnsOfWords();
-
-function columnsOfWords() {
-  const { high, low } = scrambled(range(NUMBER_BITS), SEED);
-  const columns = new Uint16Array(WORD);
-  for (let place = 0; place < WORD; place++) {
-    for (let row = 0; row < NUMBER_BITS; row++) {
-      const bit = place < 32 ? low[row] >>> place : high[row] >>> (place - 32);
-      columns[place] |= (bit & 1) << (NUMBER_BITS - 1 - row);
-    }
-  }
-  return columns;
-}
+const { COLUMNS } = codeWords;
 
 /**
  * Tell a number by the (48) bits of its word.

@@ -6,30 +6,9 @@ import { signedArea } from "../../link/geometry.js";
 import { everyPixel, mean, median, quantiles } from "../../link/order.js";
 
 const {
-  SAMPLES, SIDE_START, SIDE_SHARE, REACH, STEP_LEVELS, NOISE_SLOPE, SATURATION_SLOPE,
-  WHITE_QUANTILE, RIM_PX, CONTENT_SCALES, BEYOND_SCALE, SNAP_SAMPLES,
+  SAMPLES, REACH, STEP_LEVELS, NOISE_SLOPE, SATURATION_SLOPE, WHITE_QUANTILE, RIM_PX, CONTENT_SCALES,
+  BEYOND_SCALE, SNAP_SAMPLES, AHEAD, PLACES, CONTENT_PLACES, SNAP_PLACES,
 } = receiverLocateEdges;
-const AHEAD = Float64Array.from(receiverLocateEdges.AHEAD);
-
-/** Number of places along a side where what lies well inside is looked at. */
-const CONTENT_SAMPLES = 12;
-
-/**
- * Spread places evenly along a side, from 0.03 to 0.97 of its length.
- *
- * @param {number} samples
- * @returns {Float64Array}
- */
-function sidePlaces(samples) {
-  return Float64Array.from(
-    { length: samples },
-    (_, s) => ((s + 0.5) / samples) * SIDE_SHARE + SIDE_START,
-  );
-}
-
-const PLACES = sidePlaces(SAMPLES);
-const CONTENT_PLACES = sidePlaces(CONTENT_SAMPLES);
-const SNAP_PLACES = sidePlaces(SNAP_SAMPLES);
 
 /**
  * Find the unit normals that point from the sides into a clockwise quadrilateral.

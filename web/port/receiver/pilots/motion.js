@@ -16,7 +16,7 @@ import { call, floatPlane } from "../../image/opencv.js";
 import { STRAIGHT, frameCorners, resizedHomography, transform } from "../../link/geometry.js";
 import { identity, multiply3 } from "../../link/linear.js";
 
-const { MAP_PX, POWERS, MOTIONS } = receiverPilotsMotion;
+const { POWERS, MOTIONS } = receiverPilotsMotion;
 /** Corners of a display from -1 to 1. */
 export const UNIT_CORNERS = /** @type {Point[]} */ (receiverPilotsMotion.UNIT_CORNERS);
 /** Numbers of a homography that are found. */
@@ -45,18 +45,6 @@ export function withoutSlope(change, block) {
  */
 export function slopeSpan(block) {
   return [Math.floor(3 * block[0]) | 1, Math.floor(3 * block[1]) | 1];
-}
-
-/**
- * Give width and height of the maps of what toggles, for a layout.
- *
- * @param {Layout} layout
- * @returns {[number, number]}
- */
-export function mapSize(layout) {
-  const side = Math.min(layout.width / layout.cols, layout.height / layout.rows);
-  const factor = Math.min(4, Math.max(1, Math.floor(side / MAP_PX)));
-  return [Math.floor(layout.width / factor), Math.floor(layout.height / factor)];
 }
 
 /** Geometry of maps of a display and of what lies around it. */

@@ -25,21 +25,11 @@ import { MotionEquations, NUMBERS, UNIT_CORNERS, UnitMaps, unitHomography } from
 
 const {
   WIDTH, RING, BORDER_PX, SUPERSAMPLED, BLUR_PX, ROUNDS, SETTLED, LEAST_DEVIATION, OUTLIER, DAMPING,
-  ALIKE, CLEAR_PX, CORRELATED_PX, PROFILE_PX, ALONG, BETTER,
+  ALIKE, CLEAR_PX, CORRELATED_PX, PROFILE_PX, ALONG, PROFILE_PLACES, PROFILE_OFFSETS, BETTER,
 } = receiverPilotsOutline;
 
 /** Smallest distance, in pixels, from the border of an image to a pixel that counts as seen. */
 const INSIDE_PX = 3;
-/** Places along a side, from its start to its end, at which a border's profile is measured. */
-const PROFILE_PLACES = Float64Array.from(
-  { length: ALONG },
-  (_, i) => ((i + 0.5) / ALONG) * 0.8 + 0.1,
-);
-/** Distances from a side, in pixels along the inward normal, at which it is measured. */
-const PROFILE_OFFSETS = Float64Array.from(
-  { length: 2 * PROFILE_PX + 1 },
-  (_, k) => k - PROFILE_PX,
-);
 
 /**
  * Tells which of two places is that of a display, by the edges along its border.

@@ -5,7 +5,7 @@
 import { receiverTimingToggles } from "../../../generated/constants.js";
 import { pilotSigns, pilotValues } from "../../link/pilots.js";
 
-export const { PARTS, LEAST_VARIANCE } = receiverTimingToggles;
+const { LEAST_VARIANCE } = receiverTimingToggles;
 
 /**
  * Toggles of pilots, averaged over the parts of the display.
@@ -15,29 +15,13 @@ export const { PARTS, LEAST_VARIANCE } = receiverTimingToggles;
  * picture itself, which is far more than it toggles, would change with the weights.
  */
 export class PilotToggles {
-  #part;
   #signs;
 
   /** @param {Layout} layout - of the display */
   constructor(layout) {
     this.layout = layout;
-    const rows = Math.min(PARTS[0], layout.rows);
-    const cols = Math.min(PARTS[1], layout.cols);
-    const parts = Array.from(layout.pilotBlocks, (block) => {
-      const row = Math.floor(block / layout.cols);
-      const col = block % layout.cols;
-      const across = Math.floor((col * cols) / layout.cols);
-      return Math.floor((row * rows) / layout.rows) * cols + across;
-    });
-    const taken = [...new Set(parts)].sort((one, two) => one - two);
-    this.#part = Int32Array.from(parts, (part) => taken.indexOf(part));
-    /** (P, 2) x and y on the display, in [0, 1]. */
-    this.places = Float64Array.from(
-      taken.flatMap((part) => [
-        ((part % cols) + 0.5) / cols,
-        (Math.floor(part / cols) + 0.5) / rows,
-      ]),
-    );
+    /** (P, 2) x and y of the parts on the display, in [0, 1]. */
+    this.places = layout.partPlaces;
     this.#signs = pilotSigns(layout);
   }
 
@@ -56,19 +40,20 @@ export class PilotToggles {
    * @param {Float64Array[]} values - n times (pilots,)
    */
   overTime(values) {
+    const { parts } = this.layout;
     const weights = new Float64Array(this.places.length / 2);
-    const factors = new Float64Array(this.#part.length);
+    const factors = new Float64Array(parts.length);
     const means = factors.map((_, pilot) => {
       const mean = values.reduce((sum, frame) => sum + frame[pilot], 0) / values.length;
       const square = values.reduce((sum, frame) => sum + (frame[pilot] - mean) ** 2, 0);
       const weight = 1 / (square / values.length + LEAST_VARIANCE);
-      weights[this.#part[pilot]] += weight;
+      weights[parts[pilot]] += weight;
       factors[pilot] = 2 * this.#signs[pilot] * weight;
       return mean;
     });
     return values.map((frame) => {
       const sums = new Float64Array(weights.length);
-      this.#part.forEach((part, pilot) => {
+      parts.forEach((part, pilot) => {
         sums[part] += factors[pilot] * (frame[pilot] - means[pilot]);
       });
       return sums.map((sum, part) => sum / weights[part]);

@@ -14,7 +14,7 @@ import { resizeArea } from "../../image/shrink.js";
 import { transform } from "../../link/geometry.js";
 import { identity, inverse, multiply3, solve } from "../../link/linear.js";
 import {
-  GridMaps, MotionEquations, NUMBERS, UNIT_CORNERS, mapSize, pixelsFromUnit, unitHomography,
+  GridMaps, MotionEquations, NUMBERS, UNIT_CORNERS, pixelsFromUnit, unitHomography,
   slopeSpan, withoutSlope,
 } from "../pilots/motion.js";
 
@@ -33,7 +33,7 @@ export class CornerShift {
   /** @param {Layout} layout - of the display, with pilots */
   constructor(layout) {
     this.layout = layout;
-    this.#maps = new GridMaps(layout, mapSize(layout));
+    this.#maps = new GridMaps(layout, layout.mapSize);
     const block = 2 * Math.max(1 / layout.cols, 1 / layout.rows);
     this.#information = identity(NUMBERS).map((value) => value / (FIRST_BLOCKS * block) ** 2);
   }

@@ -4,7 +4,7 @@ import { receiverTrackingJudge, receiverTrackingPilots } from "../../../generate
 import { resizeArea } from "../../image/shrink.js";
 import { identity, multiply3 } from "../../link/linear.js";
 import { Compensator } from "../pilots/compensate.js";
-import { mapSize, movedCorners } from "../pilots/motion.js";
+import { movedCorners } from "../pilots/motion.js";
 import { PilotSearch } from "../pilots/search/pilotSearch.js";
 import { pilotValues } from "../../link/pilots.js";
 import { findToggling } from "../pilots/toggling.js";
@@ -187,7 +187,7 @@ export class PilotTracker {
   /** Measure the pilots in what is left of frames beyond motion, but for the first one. */
   #left() {
     const compensator = new Compensator(this.fps);
-    const [width, height] = mapSize(this.layout);
+    const [width, height] = this.layout.mapSize;
     const left = this.#watched.map(({ rectified }) =>
       pilotValues(compensator.take(resizeArea(rectified, width, height)), this.layout),
     );

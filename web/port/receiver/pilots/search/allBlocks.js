@@ -23,8 +23,8 @@ import {
 import { pilotSigns } from "../../../link/pilots.js";
 
 export const {
-  LEAST_SIDE_PX, MOST_SHRUNK, SPAN, LEAST_NOISE, LEAST_TOGGLING, SURE_RATIO,
-  EXPECTED_BLOCKS, EXPECTED_K, LARGEST_K, K_STEP, SETTLED_PX,
+  SPAN, LEAST_NOISE, LEAST_TOGGLING, SURE_RATIO, EXPECTED_BLOCKS, EXPECTED_K, LARGEST_K, K_STEP,
+  SETTLED_PX,
 } = receiverPilotsSearchAllBlocks;
 
 /** Number of maps of which a step sums up what they tell of the motion. */
@@ -33,21 +33,15 @@ const AT_ONCE = 4;
 const FROM_UNIT = pixelsFromUnit(2, 2);
 
 /**
- * Choose maps in which a display's corners are fitted by all of its blocks: they hold the display
- * and one block around it, since nothing toggles beyond its border.
+ * Make maps in which a display's corners are fitted by all of its blocks: they hold the display and
+ * one block around it, since nothing toggles beyond its border.
  *
  * @param {Layout} layout - of the display, with pilots
  * @returns {GridMaps}
  */
 export function blockMaps(layout) {
-  const side = Math.min(layout.width / layout.cols, layout.height / layout.rows);
-  const shrunk = Math.min(MOST_SHRUNK, Math.max(1, Math.floor(side / LEAST_SIDE_PX)));
-  /** @type {[number, number]} */
-  const inner = [Math.floor(layout.width / shrunk), Math.floor(layout.height / shrunk)];
-  return new GridMaps(layout, inner, [
-    Math.ceil(inner[0] / layout.cols),
-    Math.ceil(inner[1] / layout.rows),
-  ]);
+  const [inner, margin] = layout.blockMaps;
+  return new GridMaps(layout, inner, margin);
 }
 
 /**
