@@ -35,7 +35,6 @@ KNOWN = {
     "corners_embedded",
     "bits",
     "kappa",
-    "ratex_kappa",
     "sha256",
 }
 """Keys of a manifest line that the format defines; `link.frames.Captured.meta` takes all others."""
@@ -110,8 +109,6 @@ def _write_pair(folder: Path, stem: str, captured: Captured) -> dict[str, Any]:
     }
     if captured.bits is not None:
         entry["bits"] = [None if bit < 0 else int(bit) for bit in captured.bits]
-    if captured.ratex_kappa is not None:
-        entry["ratex_kappa"] = captured.ratex_kappa
     return entry
 
 
@@ -238,7 +235,6 @@ class Entry:
             corners_embedded=as_corners(content.get("corners_embedded", content["corners"])),
             bits=_bits(content.get("bits"), self.layout),
             kappa=self.kappa,
-            ratex_kappa=_kappa(content.get("ratex_kappa"), "ratex_kappa"),
             meta=self.meta,
         )
 
@@ -277,9 +273,9 @@ def _entry(folder: Path, content: Any, where: str) -> Entry:
         raise InputError(f"{where}: {error}") from None
 
 
-def _kappa(value: Any, key: str = "kappa") -> int | None:
+def _kappa(value: Any) -> int | None:
     if value is not None and (type(value) is not int or not 1 <= value <= MAX_KAPPA):
-        raise InputError(f"{key} must be a whole number from 1 to {MAX_KAPPA}, got {value!r:.60}")
+        raise InputError(f"kappa must be a whole number from 1 to {MAX_KAPPA}, got {value!r:.60}")
     return value
 
 

@@ -199,7 +199,6 @@ def embed(
     bits: ArrayLike,
     layout: Layout,
     kappa: int,
-    ratex_kappa: int | None = None,
     *,
     steps: NDArray[np.uint8] | None = None,
     turned: bool = False,
@@ -210,8 +209,7 @@ def embed(
         picture: an `Image`, of the layout's size.
         bits: (n_bits,) 0 or 1, row-major over the message cells.
         layout: the grid and its ratex patches, which replace the picture there.
-        kappa: gray levels by which blocks change.
-        ratex_kappa: gray levels added in ratex tiles of label 1; by default ``kappa``.
+        kappa: gray levels by which blocks, and ratex tiles of label 1, change.
         steps: (rows, cols) steps of strength, as `link.strength.block_steps` chooses them for
             "antipodal" blocks; None where all blocks change by ``kappa``.
         turned: whether the dither takes its opposite thresholds, as in every second frame pair.
@@ -247,7 +245,6 @@ def embed(
         np.add(shown, part, dtype=np.int16, casting="unsafe").astype(np.uint8)
         for part in (-below, above)
     )
-    toggle = kappa if ratex_kappa is None else check_kappa(ratex_kappa, "ratex_kappa")
-    draw_patches(original, layout, toggle, embedded=False)
-    draw_patches(embedded, layout, toggle, embedded=True)
-    return Displayed(original, embedded, np.asarray(bits, np.intp), layout, kappa, ratex_kappa)
+    draw_patches(original, layout, kappa, embedded=False)
+    draw_patches(embedded, layout, kappa, embedded=True)
+    return Displayed(original, embedded, np.asarray(bits, np.intp), layout, kappa)

@@ -37,9 +37,7 @@ class Displayed:
     layout: Layout
     """Grid of blocks and ratex patches that the frames show."""
     kappa: int
-    """Gray levels of [0, 255] added where the bit is 1."""
-    ratex_kappa: int | None = None
-    """Gray levels added in ratex tiles of label 1; None where it is ``kappa``."""
+    """Gray levels of [0, 255] added where the bit is 1, and in ratex tiles of label 1."""
 
 
 @dataclass(frozen=True)
@@ -59,9 +57,8 @@ class Captured:
     bits: NDArray[np.intp] | None = None
     """(n_bits,) the bits that were sent, -1 where unknown; None where nothing is known."""
     kappa: int | None = None
-    """Gray levels added where the bit is 1; None where the receiver does not know it."""
-    ratex_kappa: int | None = None
-    """Gray levels added in ratex tiles of label 1; None where it is ``kappa``, or unknown."""
+    """Gray levels added where the bit is 1, and in ratex tiles of label 1; None where the receiver
+    does not know it."""
     meta: dict[str, object] = field(default_factory=dict)
     """Further keys of the manifest, such as pair, view_deg, picture and seed."""
 
@@ -80,7 +77,7 @@ class Captured:
         ):
             H = homography_from_corners(check_corners(corners, image.shape), width, height)
             frames.append(rectify(image, H, width, height))
-        return Observation.still(frames[0], frames[1], self.layout, self.kappa, self.ratex_kappa)
+        return Observation.still(frames[0], frames[1], self.layout, self.kappa)
 
 
 @dataclass(frozen=True)

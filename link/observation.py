@@ -50,9 +50,8 @@ class Observation:
     seen: Map | None = None
     """(T, rows, cols) float32, 1 where a frame shows a block, else 0; None where all are seen."""
     kappa: int | None = None
-    """Gray levels added where the bit is 1; None where the receiver does not know it."""
-    ratex_kappa: int | None = None
-    """Gray levels added in ratex tiles of label 1; None where it is ``kappa``, or unknown."""
+    """Gray levels added where the bit is 1, and in ratex tiles of label 1; None where the receiver
+    does not know it."""
 
     @classmethod
     def still(
@@ -61,7 +60,6 @@ class Observation:
         embedded: Image,
         layout: Layout,
         kappa: int | None = None,
-        ratex_kappa: int | None = None,
     ) -> "Observation":
         """Make the observation of one frame pair, of which each frame shows one state.
 
@@ -70,7 +68,6 @@ class Observation:
             embedded: an `Image` of the shape of ``original``.
             layout: grid that the frames show.
             kappa: gray levels added where the bit is 1, if they are known.
-            ratex_kappa: gray levels added in ratex tiles of label 1; ``kappa`` where absent.
 
         >>> from link.layout import make_layout
         >>> gray = np.zeros((384, 512), np.uint8)
@@ -81,7 +78,7 @@ class Observation:
         shares = np.full((2, 1, layout.rows, layout.cols), 0.5, np.float32)
         shares[0] = -0.5
         mixture = Mixture(shares, np.zeros((2, 1), np.int64), 1)
-        return cls((original, embedded), layout, mixture, None, kappa, ratex_kappa)
+        return cls((original, embedded), layout, mixture, None, kappa)
 
     @property
     def is_pair(self) -> bool:
@@ -111,11 +108,6 @@ class Observation:
             raise UnsuitedError(f"it reads frame pairs, and this is {len(self.frames)} frames")
         frame: Image = np.asarray(self.frames[number], np.uint8)
         return frame
-
-    @property
-    def ratex_toggle(self) -> int | None:
-        """Gray levels by which ratex tiles of label 1 toggle, where the receiver knows it."""
-        return self.kappa if self.ratex_kappa is None else self.ratex_kappa
 
     @property
     def known(self) -> Map:

@@ -47,7 +47,7 @@ def decode_by_pairs(decoder: BlockDecoder, film: Observation) -> SoftBits:
         if number and not trust.any():  # the first pair always shows whether the layout is suited
             scores.append(np.zeros(layout.n_bits))
             continue
-        pair = Observation.still(original, embedded, layout, film.kappa, film.ratex_kappa)
+        pair = Observation.still(original, embedded, layout, film.kappa)
         scores.append(decoder.decode(pair).scores * trust)
     return SoftBits(np.concatenate(scores))
 

@@ -117,6 +117,5 @@ def capture(
         corners_embedded=corners,
         bits=displayed.bits,
         kappa=displayed.kappa,
-        ratex_kappa=displayed.ratex_kappa,
         meta={"pair": pair.name, "view_deg": view_deg},
     )

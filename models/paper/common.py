@@ -35,7 +35,7 @@ def require_ratex(pair: Observation) -> TrainingPixels:
     """
     if not pair.layout.ratex:
         raise UnsuitedError("it trains on ratex patches and the layout has none")
-    return training_pixels(pair.layout, pair.ratex_toggle or 0)
+    return training_pixels(pair.layout, pair.kappa or 0)
 
 
 def training_samples(pair: Observation, maps: Real) -> tuple[Real, NDArray[np.intp]]:

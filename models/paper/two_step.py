@@ -30,11 +30,11 @@ def fit_inverse_response(pair: Observation, pixels: TrainingPixels, degree: int)
     Raises:
         UnsuitedError: kappa is unknown, so the displayed intensities are.
     """
-    if pair.ratex_toggle is None:
+    if pair.kappa is None:
         raise UnsuitedError("it needs kappa, to know what the ratex patches displayed")
     captured = [intensity(frame)[pixels.y, pixels.x] for frame in (pair.original, pair.embedded)]
     low, high = pair.layout.change_of_bits
-    change = pair.ratex_toggle * np.where(pixels.label, high, low)
+    change = pair.kappa * np.where(pixels.label, high, low)
     displayed = [pixels.rho, pixels.rho + change]
     return Legendre.fit(np.concatenate(captured), np.concatenate(displayed), degree, domain=[0, 1])
 

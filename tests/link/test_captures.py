@@ -67,17 +67,6 @@ def test_captures_come_back_as_they_were_saved(tmp_path: Path) -> None:
         assert loaded.meta == saved.meta
 
 
-def test_kappa_of_the_ratex_patches_comes_back_and_stays_out_of_the_further_keys(
-    tmp_path: Path,
-) -> None:
-    save_captures(tmp_path, iter([replace(KNOWN, ratex_kappa=10), KNOWN]))
-    first, second = load(tmp_path)
-    assert (first.kappa, first.ratex_kappa, first.meta) == (5, 10, KNOWN.meta)
-    assert second.ratex_kappa is None
-    assert "ratex_kappa" not in read_manifest(tmp_path)[1].content
-    assert (first.rectified().ratex_toggle, second.rectified().ratex_toggle) == (10, 5)
-
-
 @pytest.mark.parametrize("modulation", ["on_off", "antipodal"])
 def test_pilots_and_modulation_come_back(tmp_path: Path, modulation: str) -> None:
     layout = make_layout(4, 4, 64, 48, modulation=modulation, pilots=3)
@@ -150,7 +139,6 @@ FIELDS: list[tuple[dict[str, Any], str]] = [
     ({"kappa": 0}, "kappa"),
     ({"kappa": 2.5}, "kappa"),
     ({"kappa": True}, "kappa"),
-    ({"ratex_kappa": 65}, "ratex_kappa"),
     *(
         ({key: ...}, f"line 1: lacks {key}")
         for key in ("original", "embedded", "layout", "corners")

@@ -53,20 +53,18 @@ def message_pixels(layout: Layout) -> NDArray[np.bool_]:
 
 
 @pytest.mark.parametrize("channels", [(), (3,)], ids=["gray", "colour"])
-def test_ratex_tiles_toggle_by_their_own_kappa_and_blocks_by_the_messages(
+def test_ratex_tiles_toggle_by_kappa_as_blocks_do(
     layout: Layout, channels: tuple[int, ...]
 ) -> None:
-    displayed = embed(noise(layout, *channels), random_bits(layout), layout, 3, ratex_kappa=10)
+    displayed = embed(noise(layout, *channels), random_bits(layout), layout, 10)
     change = displayed.embedded.astype(int) - displayed.original
-    inside = message_pixels(layout)
-    assert set(change[inside].ravel().tolist()) == {0, 3}
-    assert set(change[~inside].ravel().tolist()) == {0, 10}
-    assert np.mean(change[~inside] == 10) == 0.5
-    assert (displayed.kappa, displayed.ratex_kappa) == (3, 10)
+    assert set(change.ravel().tolist()) == {0, 10}
+    assert np.mean(change[~message_pixels(layout)] == 10) == 0.5
+    assert displayed.kappa == 10
 
 
-def test_ratex_patches_reach_from_black_to_white_at_their_own_kappa(layout: Layout) -> None:
-    displayed = embed(noise(layout), random_bits(layout), layout, 3, ratex_kappa=30)
+def test_ratex_patches_reach_from_black_to_white(layout: Layout) -> None:
+    displayed = embed(noise(layout), random_bits(layout), layout, 30)
     patches = displayed.embedded[~message_pixels(layout)]
     assert (patches.min(), patches.max()) == (0, 255)
 
@@ -167,13 +165,11 @@ def test_pilots_of_on_off_blocks_change_as_bits_do() -> None:
 
 @channels_both
 @pytest.mark.parametrize("kappa", [1, 5, 64])
-@pytest.mark.parametrize("ratex_kappa", [None, 10])
 def test_on_off_frames_are_those_of_the_papers_formula(
-    kappa: int, ratex_kappa: int | None, channels: tuple[int, ...]
+    kappa: int, channels: tuple[int, ...]
 ) -> None:
-    """Whatever the kappa of the ratex patches."""
     picture, bits = noise(SMALL, *channels), random_bits(SMALL)
-    displayed = embed(picture, bits, SMALL, kappa, ratex_kappa)
+    displayed = embed(picture, bits, SMALL, kappa)
     levels = np.linspace(BOTTOM, TOP - kappa, 256).round().astype(np.uint8)
     added = (kappa * blocks_of(SMALL, bits)).astype(np.uint8)
     inside = message_pixels(SMALL)
@@ -248,8 +244,6 @@ def test_ssim_agrees_with_scikit_image(channels: tuple[int, ...]) -> None:
 def test_kappa_must_be_a_whole_number_in_range(layout: Layout, kappa: Any) -> None:
     with pytest.raises(InputError, match=f"^kappa: need 1 to 64 whole gray levels, got {kappa}"):
         embed(noise(layout), random_bits(layout), layout, kappa)
-    with pytest.raises(InputError, match=f"need 1 to 64 whole gray levels, got {kappa}"):
-        embed(noise(layout), random_bits(layout), layout, 5, ratex_kappa=kappa)
 
 
 def test_a_whole_kappa_of_any_type_becomes_an_int() -> None:

@@ -105,8 +105,8 @@ def test_methods_that_learn_from_pilots_read_the_noise_free_pair(
 def test_pilots_need_no_kappa_and_their_places_and_bits_decide(name: str, modulation: str) -> None:
     pair, bits = make_pair(layout=make_layout(modulation=modulation, pilots=16))
     scores = make_decoder(name).decode(pair).scores
-    for kappa, ratex_kappa in ((None, None), (3, 10), (None, 20)):
-        assert not differs(replace(pair, kappa=kappa, ratex_kappa=ratex_kappa), scores, name)
+    for kappa in (None, 3):
+        assert not differs(replace(pair, kappa=kappa), scores, name)
     fewer = replace(pair, layout=replace(pair.layout, pilots=8))
     assert differs(fewer, scores, name)
     swapped = replace(pair, frames=pair.frames[::-1])
@@ -157,16 +157,16 @@ def test_training_samples_are_the_pixels_of_the_pilots(modulation: str) -> None:
     np.testing.assert_array_equal(labels, layout.pilot_bits)
 
 
-def step_pair(changes: NDArray[np.intp], ratex_kappa: int | None = None) -> Observation:
+def step_pair(changes: NDArray[np.intp]) -> Observation:
     """Linear capture of gray 100 whose message blocks change by these gray levels, noise-free."""
     layout = make_layout()
     picture = np.full((layout.height, layout.width), 100, np.uint8)
-    shown = embed(picture, np.zeros(layout.n_bits), layout, KAPPA, ratex_kappa)
+    shown = embed(picture, np.zeros(layout.n_bits), layout, KAPPA)
     grid = np.zeros((layout.rows, layout.cols), int)
     grid[layout.message_mask] = changes
     of_pixel = np.kron(grid, np.ones((48, 64), int))
     embedded = (shown.embedded + of_pixel).astype(np.uint8)
-    return Observation.still(shown.original, embedded, layout, KAPPA, ratex_kappa)
+    return Observation.still(shown.original, embedded, layout, KAPPA)
 
 
 CHANGES = np.arange(59) % 10 - 1  # -1 to 8 gray levels
@@ -178,12 +178,9 @@ def test_naive_with_a_fixed_threshold_scores_the_distance_from_it(threshold: flo
     np.testing.assert_allclose(255 * soft.scores, CHANGES - threshold, atol=255 * FLOAT32)
 
 
-@pytest.mark.parametrize("ratex_kappa", [None, 20])
 @pytest.mark.parametrize("levels", [2.5, -0.5])
-def test_two_step_counts_a_fixed_threshold_in_displayed_levels(
-    levels: float, ratex_kappa: int | None
-) -> None:
-    soft = make_decoder("two_step", threshold=levels).decode(step_pair(CHANGES, ratex_kappa))
+def test_two_step_counts_a_fixed_threshold_in_displayed_levels(levels: float) -> None:
+    soft = make_decoder("two_step", threshold=levels).decode(step_pair(CHANGES))
     np.testing.assert_allclose(soft.scores, CHANGES - levels, atol=255 * FLOAT32)
 
 
