@@ -323,27 +323,19 @@ def _expected(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Work out the sizes and turns, (N, 4), of patches whose centres are (N, 4, 2) points.
 
-    By the homography of the unit square to the quadrilateral (Heckbert 1989): its area element
-    falls with the cube of w.
+    The depth w of a corner of a square goes with the area of the triangle that the others are seen
+    to make, and the square's area element is seen divided by the cube of w.
     """
-    p0, p1, p2, p3 = (points[:, i] for i in range(4))
-    bend, one, two = p0 - p1 + p2 - p3, p1 - p2, p3 - p2
-    below = one[:, 0] * two[:, 1] - two[:, 0] * one[:, 1]
-    g = (bend[:, 0] * two[:, 1] - two[:, 0] * bend[:, 1]) / below
-    h = (one[:, 0] * bend[:, 1] - bend[:, 0] * one[:, 1]) / below
-    w = np.stack([np.ones_like(g), 1 + g, 1 + g + h, 1 + h], axis=1)
-    right, down = p1 - p0 + g[:, None] * p1, p3 - p0 + h[:, None] * p3
-    H = np.stack(
-        [
-            np.column_stack([right, g]),
-            np.column_stack([down, h]),
-            np.column_stack([p0, np.ones_like(g)]),
-        ],
-        axis=2,
-    )
-    element = np.abs(np.linalg.det(H))[:, None] / np.maximum(np.abs(w), 1e-3) ** 3
+
+    def twice_area(i: int, j: int, k: int) -> NDArray[np.float64]:
+        (x, y), (u, v) = (points[:, at].T - points[:, i].T for at in (j, k))
+        return np.asarray(x * v - y * u)
+
+    w = np.stack([twice_area(*others) for others in ((1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2))])
+    w = (w / w[0]).T
+    element = np.abs(w[:, 1] * w[:, 3] * twice_area(0, 1, 3))[:, None] / np.maximum(w, 1e-3) ** 3
     size = np.sqrt(element / ((layout.rows - 1) * (layout.cols - 1)))
-    top, bottom = p1 - p0, p2 - p3
+    top, bottom = points[:, 1] - points[:, 0], points[:, 2] - points[:, 3]
     turns = [np.arctan2(side[:, 1], side[:, 0]) for side in (top, top, bottom, bottom)]
     return size, np.stack(turns, axis=1)
 
