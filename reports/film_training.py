@@ -22,7 +22,7 @@ from data_gen.film.phone import PhoneSettings
 from data_gen.pairs import PAIRS, get_pair
 from export.to_onnx import export_film
 from link.captures import KnownWindow, pack_windows, unpack_windows
-from link.errors import InputError, ParameterError, at_least
+from link.errors import InputError, ParameterError, at_least, in_range
 from link.files.lock import locked
 from link.images import write_bytes
 from link.outside import is_file
@@ -44,6 +44,8 @@ from reports.evaluation.trained import BEFORE, held_out_table, write_page
 from reports.films import film_cuts, film_settings
 from reports.run import PREDICTIONS, claim_folder
 
+PHONE_CODEC = CodecSettings("h264")
+"""Codec of a phone's video, at a rate that is drawn for each film."""
 PHONE_KBITS, MOST_REDUCED = (8000.0, 24_000.0), 0.5
 """Least and largest rate of a phone's video in thousands of bits a second, and largest share of the
 stored frame before that its noise reduction mixes into a frame."""
@@ -148,8 +150,9 @@ def check(config: FilmTrainConfig) -> None:
     """Raise an `InputError` that names the first flag whose value is wrong."""
     at_least(1, number=config.number, held_out=config.held_out, steps=config.steps)
     at_least(1, batch=config.batch, jobs=config.jobs)
-    if not 0 <= config.phones <= 1:
-        raise ParameterError("phones", f"need a share of 0 to 1, got {config.phones:g}")
+    in_range(config, phones=(0, 1, ""))
+    if config.phones and config.captures is None:
+        PHONE_CODEC.check()  # before the first film is made
     check_rate(config.lr)
     for name in config.filmed:
         if not reads_films(film_settings(name).layout):
@@ -198,7 +201,7 @@ def through_phone(settings: FilmSettings, rng: np.random.Generator) -> FilmSetti
     """Have a phone reduce the noise of a film by what it stored before, and compress it."""
     kbits = float(np.exp(rng.uniform(*np.log(PHONE_KBITS))))
     phone = PhoneSettings(noise_reduction=float(rng.uniform(0, MOST_REDUCED)))
-    return replace(settings, phone=phone, codec=CodecSettings("h264", kbits))
+    return replace(settings, phone=phone, codec=replace(PHONE_CODEC, kbits=kbits))
 
 
 def load_windows(recording: Recording) -> list[KnownWindow]:

@@ -75,7 +75,7 @@ def profiles(
     image: NDArray[np.uint8] | NDArray[np.float32],
     quads: NDArray[np.float64],
     offsets: NDArray[np.float64],
-    samples: int | NDArray[np.float64],
+    share: NDArray[np.float64],
 ) -> NDArray[np.float32]:
     """Sample the image across the sides of quadrilaterals.
 
@@ -83,13 +83,11 @@ def profiles(
         image: (H, W) or (H, W, channels) uint8 or float32; levels of uint8 are rounded.
         quads: (N, 4, 2) pixels, clockwise.
         offsets: (K,) pixels along the inward normal.
-        samples: number of places that are spread over a side without its ends, or (S,) places,
-            where 0 is a side's start and 1 its end.
+        share: (S,) places along a side, where 0 is its start and 1 its end.
 
     Returns:
         (N, 4, S, K) float32, with a last axis of channels where the image has one.
     """
-    share = side_places(samples) if isinstance(samples, int) else samples
     start, end = quads[:, :, None], np.roll(quads, -1, axis=1)[:, :, None]
     at = start + (end - start) * share[None, None, :, None]  # (N, 4, S, 2)
     at = at[:, :, :, None] + inward(quads)[:, :, None, None] * offsets[:, None]
@@ -175,7 +173,7 @@ def snap_to_edges(
     Returns:
         (N, 4, 2); a side without any edge stays.
     """
-    at, _, _, total = _votes(image, quads, reach, 1.0, SNAP_SAMPLES)
+    at, _, total = _votes(image, quads, reach, 1.0, SNAP_PLACES)
     best = total.reshape(len(quads), 4, -1).argmax(axis=2)
     none = total.reshape(len(quads), 4, -1).max(axis=2) < 0.1 * SNAP_SAMPLES
     first = np.where(none, 0.0, at[best // len(at)])
@@ -188,30 +186,29 @@ def _votes(
     quads: NDArray[np.float64],
     reach: float,
     spacing: float,
-    samples: int,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32], NDArray[np.float32]]:
-    """Collect votes for lines from an offset at a side's start to one at its end.
+    share: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float32], NDArray[np.float32]]:
+    """Collect votes of (S,) places for lines from an offset at a side's start to one at its end.
 
     Returns:
-        offsets (K,), places (S,) in [0, 1], slopes (N, 4, S, K) and votes (N, 4, K, K).
+        offsets (K,), slopes (N, 4, S, K) and votes (N, 4, K, K).
     """
     count = max(1, round(reach / spacing))
     offsets = np.arange(-count - 1.0, count + 2.0) * spacing
     offsets = offsets.astype(np.float64)
-    taken = profiles(image, quads, offsets, samples)
+    taken = profiles(image, quads, offsets, share)
     slope = (taken[..., 2:] - taken[..., :-2]) / np.float32(2 * spacing)
-    share = side_places(samples)
     steps = np.arange(2 * count + 1)
     hit = steps[:, None, None] * (1 - share) + steps[None, :, None] * share  # (K, K, S)
     at_hit = np.rint(hit).astype(np.intp)
     vote = np.clip(slope - np.float32(NOISE_SLOPE), 0, None)
     vote = vote / (vote + np.float32(SATURATION_SLOPE))
-    total = vote[:, :, np.arange(samples), at_hit].sum(axis=-1)
+    total = vote[:, :, np.arange(len(share)), at_hit].sum(axis=-1)
     # ties go to the line that moves least
     total -= np.float32(1e-3) * (np.abs(offsets[1:-1])[:, None] + np.abs(offsets[1:-1])).astype(
         np.float32
     )
-    return offsets[1:-1], share, slope, total
+    return offsets[1:-1], slope, total
 
 
 def _moved(
@@ -250,8 +247,9 @@ def fit_edges(
         corners (4, 2); a side without an edge stays where it was.
     """
     spacing = max(0.5, reach / 10)
-    at, share, slopes, total = _votes(image, corners[None], reach, spacing, FIT_SAMPLES)
-    _, _, darker, rises = _votes(-image, corners[None], reach, spacing, FIT_SAMPLES)
+    share = side_places(FIT_SAMPLES)
+    at, slopes, total = _votes(image, corners[None], reach, spacing, share)
+    _, darker, rises = _votes(-image, corners[None], reach, spacing, share)
     # a light bezel, or a white page around the picture
     other = rises.max(axis=(2, 3)) > OTHER_SIDE * total.max(axis=(2, 3))
     slopes = np.where(other[..., None, None], darker, slopes)
