@@ -52,6 +52,8 @@ class Observation:
     kappa: int | None = None
     """Gray levels added where the bit is 1, and in ratex tiles of label 1; None where the receiver
     does not know it."""
+    times: tuple[float, ...] = ()
+    """T times at which the frames of a film were taken, seconds; none where they are not known."""
 
     @classmethod
     def still(

@@ -198,6 +198,7 @@ class FilmReader:
             self._layout,
             mixture_of_exposures(clock, times, self._layout, first, last + 1 - first),
             np.stack([frame.blocks_in_view for frame in frames]),
+            times=tuple(times.tolist()),
         )
 
     def _correct(

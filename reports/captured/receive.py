@@ -131,14 +131,11 @@ class _Keeper:
 
     Args:
         decoder: the film decoder.
-        fps: nominal number of frames a second.
         apart: whether windows that share a frame with the last one kept are left out.
     """
 
-    def __init__(self, decoder: WindowDecoder, fps: float, apart: bool) -> None:
-        self._decoder, self._fps, self._apart = decoder, fps, apart
-        self._last: set[int] = set()
-        self.now = 0.0
+    def __init__(self, decoder: WindowDecoder, apart: bool) -> None:
+        self._decoder, self._apart = decoder, apart
         self.cuts: list[Cut] = []
 
     def prepare(self) -> None:
@@ -146,12 +143,10 @@ class _Keeper:
 
     def decode(self, observation: Observation) -> SoftBits:
         soft = self._decoder.decode(observation)
-        frames = set(map(id, observation.frames))
-        if not (self._apart and self._last & frames):
+        begin, end = observation.times[0], observation.times[-1]
+        if not (self._apart and self.cuts and begin <= self.cuts[-1].end_s):
             scores = soft.scores.reshape(observation.mixture.count, -1)
-            begin = max(0.0, self.now - (len(frames) - 1) / self._fps)
-            self.cuts.append(Cut(begin, self.now, observation.layout, scores, observation))
-            self._last = frames
+            self.cuts.append(Cut(begin, end, observation.layout, scores, observation))
         return soft
 
 
@@ -170,15 +165,13 @@ def receive_film(
         what was seen; no cuts where the display was not found.
     """
     pair_decoder, film = open_readers(layout)
-    keeper = _Keeper(film, fps, apart) if film is not None else None
+    keeper = _Keeper(film, apart) if film is not None else None
     receiver = Receiver(pair_decoder, fps, keeper)
     pairs: list[DecodedPair] = []
     places: list[dict[str, object]] = []
     size = 0, 0
     for image, time in frames:
         size = image.shape[1], image.shape[0]
-        if keeper is not None:
-            keeper.now = time
         step = receiver.push(image, time)
         pairs += step.pairs
         if step.tracked and (not places or time - float(str(places[-1]["time_s"])) >= LOOKS_S):

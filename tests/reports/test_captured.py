@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -261,7 +262,7 @@ def test_a_film_is_evaluated_and_goes_on_where_it_was_cut_off(
     filmed = film_message(Take(settings, "canon-lg", 10.0, 0, 0))
     frames = tmp_path / "film_10deg"
     for frame in through_codec(filmed.frames, settings.codec, settings.fps):
-        if frame.time_s > 1.4:
+        if frame.time_s > 1.8:
             break
         number = round(frame.time_s * settings.fps)  # frames that were lost are gaps
         write_image(frames / f"{number:03d}.png", frame.rgb)
@@ -276,6 +277,9 @@ def test_a_film_is_evaluated_and_goes_on_where_it_was_cut_off(
     assert {(row["pair"], row["view_deg"]) for row in rows} == {("film_10deg", 10.0)}
     entries = read_manifest(out / "captures")
     assert all(entry.meta["film"] == "film_10deg" for entry in entries)
+    spans = [(entry.meta["time_s"], entry.meta["end_s"]) for entry in entries]
+    assert len(spans) > 1, spans
+    assert all(begin > end for (_, end), (begin, _) in pairwise(spans)), "windows share frames"
     predictions = out / "predictions.jsonl"
     before = predictions.read_bytes()
     predictions.write_bytes(before[: len(before) // 2])
