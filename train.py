@@ -132,7 +132,7 @@ def main() -> None:
     folder, settings = config.out or Path("runs") / usual, training_settings(config)
     with locked(folder):
         claim_folder(folder, settings, "train", UNDECISIVE)
-        save_checkpoint(folder / BEFORE, module.cpu(), {})
+        save_checkpoint(folder / BEFORE, module.cpu(), module.to_config())
         module.to(config.device)
         if own is not None:
             episodes = {layouts[0]: own.episodes()}
@@ -143,7 +143,7 @@ def main() -> None:
                 for layout, source in sources.items()
             }
         train(module, episodes, config, folder)
-        save_checkpoint(folder, module.cpu(), {"train": settings})
+        save_checkpoint(folder, module.cpu(), module.to_config() | {"train": settings})
         bench = config.captures, config.seed, config.jobs
         print(export_and_evaluate(module, test, folder, settings, *bench))
         print(f"written: {folder}/report.html")

@@ -9,7 +9,7 @@ import numpy as np
 import tyro
 from tqdm import tqdm
 
-from data_gen.flags import CellFlags, own_first
+from data_gen.flags import CellFlags
 from data_gen.frame_pair import FramePair, shuffled_pictures
 from link.captures import MANIFEST, save_captures
 from link.cli import check_flags, run_cli
@@ -19,7 +19,6 @@ from link.frames import Captured
 from link.images.quality import psnr, ssim
 
 
-@own_first
 @dataclass(frozen=True, kw_only=True)
 class DataGenConfig(CellFlags):
     """Simulated captures, written in the Captures format (`link.captures`)."""

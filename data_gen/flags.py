@@ -6,9 +6,7 @@ new choice about the layout is a field of `LayoutFlags`, one about the channel a
 """
 
 from dataclasses import dataclass
-from inspect import get_annotations
 from pathlib import Path
-from typing import TypeVar
 
 from data_gen.channel.optics import check_view
 from data_gen.effects import parse_settings
@@ -17,23 +15,6 @@ from link.embed import check_kappa
 from link.errors import at_least
 from link.layout import Layout, make_layout
 from link.pilot_code import PLAIN, PilotCode
-
-T = TypeVar("T")
-
-
-def own_first(config: type[T]) -> type[T]:
-    """Put the fields that a dataclass adds before those that it inherits, as --help lists them.
-
-    >>> from dataclasses import fields
-    >>> [field.name for field in fields(own_first(CellFlags))][:5]
-    ['pair', 'view', 'kappa', 'split', 'seed']
-    """
-    declared = enumerate(map(get_annotations, config.__mro__))
-    level = {name: number for number, names in declared for name in names}  # where it comes from
-    known = config.__dataclass_fields__  # type: ignore[attr-defined]
-    for name in sorted(known, key=lambda name: level[name]):
-        known[name] = known.pop(name)  # puts it last
-    return config
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,7 +23,7 @@ from data_gen.film.codec import (
 )
 from data_gen.film.frame import VideoFrame
 from data_gen.film.stream import States, VideoSettings, film
-from data_gen.flags import CellFlags, own_first
+from data_gen.flags import CellFlags
 from data_gen.frame_pair import shuffled_pictures
 from data_gen.pictures.carriers import STILL, check_carriers, open_carrier
 from link.cli import check_flags, run_cli
@@ -33,7 +33,7 @@ from link.files.lock import locked
 from link.files.together import written_together
 from link.images import write_bytes, write_image
 from link.images.video import write_video
-from link.loop import Loop, LoopStates, MovingStates
+from link.loop import LoopStates, MovingStates, loop_of_picture
 from link.outside import is_file
 from link.pilot_code import PLAIN
 from link.presets import PRESETS
@@ -49,7 +49,6 @@ FILMED = VideoSettings(scene=replace(VideoSettings().scene, coverage=0.35), seco
 its message; so large, the receiver reads every preset at 0°."""
 
 
-@own_first
 @dataclass(frozen=True, kw_only=True)
 class FilmConfig(CellFlags):
     """A simulated camera stream of a display that shows a message over and over."""
@@ -145,10 +144,7 @@ def main() -> None:
     settings = replace(settings, scene=replace(settings.scene, pictures=pictures))
     layout, message = source.layout, config.message.encode()
     bits = encode(message, layout.n_bits)
-    size = layout.width, layout.height
-    loop = Loop(
-        layout, cell.kappa, bits, lambda: iter([picture]), display_size=size, even=source.even
-    )
+    loop = loop_of_picture(layout, cell.kappa, bits, picture, source.even)
     name = f"film/{config.split}/{cell.pair}/{cell.view_deg:g}"
     rng = np.random.default_rng([config.seed, zlib.crc32(name.encode())])
     states: States = LoopStates(loop)

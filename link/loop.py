@@ -289,6 +289,22 @@ class LoopStates:
         return self._loop.state_of(self._pair(number // 2 % self._count), number)
 
 
+def loop_of_picture(
+    layout: Layout, kappa: int, bits: NDArray[np.uint8], picture: NDArray[np.uint8], even: bool
+) -> Loop:
+    """Make a loop over one picture, for a display that has as many pixels as the layout.
+
+    Args:
+        layout: what the display shows.
+        kappa: gray levels added where a bit is 1.
+        bits: (frames, n_bits) bits of the message.
+        picture: (H, W, 3) uint8, encoded RGB.
+        even: whether all blocks change by what makes them equally visible.
+    """
+    size = layout.width, layout.height
+    return Loop(layout, kappa, bits, lambda: iter([picture]), size, even=even)
+
+
 @dataclass(frozen=True, eq=False)
 class Carrier:
     """The picture, the bits and the strengths of which a frame pair is made.

@@ -25,7 +25,7 @@ from tqdm import tqdm
 
 from data_gen.film.codec import CodecSettings, through_codec
 from data_gen.film.frame import VideoFrame
-from data_gen.film.message import plain_states
+from data_gen.film.message import IN_STEP, plain_states
 from data_gen.film.phone import PhoneSettings
 from data_gen.film.scenes import SceneSettings
 from data_gen.film.stream import States, VideoSettings, film
@@ -39,7 +39,7 @@ from link.files.lock import locked
 from link.geometry import transform
 from link.images import as_gray, write_bytes
 from link.layout import Layout
-from link.loop import Loop, LoopStates, MovingStates
+from link.loop import LoopStates, MovingStates, loop_of_picture
 from link.outside import is_file
 from link.presets import PRESETS
 from link.types import Corners
@@ -64,9 +64,8 @@ CAMERAS = {
 }
 """Share of the films by preset and number of camera frames a second: most of that which is found
 latest."""
-MOVING, IN_STEP, WITH_MESSAGE = 0.45, 0.5, 0.88
-"""Shares of films whose picture moves, of these with both states of a frame pair showing one
-picture, and of the others with a message."""
+MOVING, WITH_MESSAGE = 0.45, 0.88
+"""Shares of films whose picture moves, and of the others with a message."""
 BARS, BAR_SHARE, UPRIGHT = 0.4, (0.3, 0.95), 0.6
 """Share of displays that show the picture within black bars, least and largest share of the display
 that the picture then covers, and share of those with bars at the left and the right."""
@@ -170,14 +169,7 @@ def draw_film(split: str, seed: int, number: int) -> DrawnFilm:
     pairs = pair_names(tuple(GROUPS))
     pair = source.pair(pairs[int(rng.integers(len(pairs)))])
     bits = encode(rng.bytes(100), preset.layout.n_bits)
-    loop = Loop(
-        preset.layout,
-        preset.kappa,
-        bits,
-        lambda: iter([rgb]),
-        display_size=(preset.layout.width, preset.layout.height),
-        even=preset.even,
-    )
+    loop = loop_of_picture(preset.layout, preset.kappa, bits, rgb, preset.even)
     states: States = LoopStates(loop)
     shows_message = True
     if rng.random() < MOVING:

@@ -21,7 +21,7 @@ from data_gen.pictures.carriers import open_carrier
 from link.code.framing import encode
 from link.errors import choose
 from link.layout import Layout
-from link.loop import Loop, LoopStates, MovingStates, PictureAt
+from link.loop import Loop, LoopStates, MovingStates, PictureAt, loop_of_picture
 from link.presets import PRESETS
 
 IN_STEP = 0.5
@@ -136,14 +136,8 @@ def film_message(take: Take) -> MessageFilm:
     picture = pictures[int(rng.integers(len(pictures)))]
     message = rng.bytes(config.n_bytes)
     bits = encode(message, layout.n_bits)
-    loop = Loop(
-        layout,
-        config.kappa,
-        bits,
-        lambda: iter([picture.rgb]),
-        display_size=(layout.width, layout.height),
-        even=PRESETS[config.preset].even,
-    )
+    even = PRESETS[config.preset].even
+    loop = loop_of_picture(layout, config.kappa, bits, picture.rgb, even)
     coverage = float(rng.uniform(*config.coverage))
     settings = VideoSettings(
         SceneSettings(config.size, coverage, pictures=pictures, free=0.03),

@@ -57,8 +57,6 @@ class SceneSettings:
     """Rotation of the camera about its axis, degrees; 0, 90, 180 or 270 within 5 where drawn."""
     room: str | None = None
     """Light of the room: "dark", "office" or "bright"."""
-    centred: bool = False
-    """Whether the camera aims at the picture's centre."""
     window: bool | None = None
     """Whether the screen is larger than the picture, with a plain surround."""
     second_display: bool | None = None
@@ -284,7 +282,7 @@ def aim_camera(
         layout: layout of the picture.
         view_deg: nominal angle of observation, degrees; the camera keeps it within 1.
         rng: source of every random draw.
-        settings: size of the image, coverage, rotation, and whether the picture is centred.
+        settings: size of the image, coverage and rotation.
 
     Returns:
         Pose of the camera, and its (3, 4) projection as `optics.scene_camera` gives it.
@@ -293,7 +291,7 @@ def aim_camera(
     side = rng.uniform(*np.sqrt(COVERAGE))
     wanted = side**2 if settings.coverage is None else settings.coverage
     field = np.radians(rng.uniform(*FIELD_DEG))
-    away = rng.uniform(-1, 1, 2) * (not settings.centred)
+    away = rng.uniform(-1, 1, 2)
     pose = Pose(
         view_deg=float(np.clip(view_deg + rng.uniform(-1, 1), -76, 76)),
         pitch_deg=float(rng.uniform(-8, 8)),

@@ -38,18 +38,6 @@ class Picture:
     """Pixels, (H, W, 3) uint8, RGB encoded."""
 
 
-@dataclass(frozen=True)
-class _Crop:
-    """A window of the displayed aspect inside a photograph."""
-
-    size: float = 1.0
-    """Size relative to the largest window of that aspect, in (0, 1]."""
-    x: float = 0.5
-    """Share of the free width left of the window, in [0, 1]."""
-    y: float = 0.5
-    """Share of the free height above the window, in [0, 1]."""
-
-
 _BUILT_IN = json.loads(Path(__file__).with_name("built_in.json").read_text("utf-8"))
 
 
@@ -80,7 +68,7 @@ def load_pictures(split: str, width: int, height: int) -> list[Picture]:
         path = _installed(resource)
         source = read_image(path)
         for i, crop in enumerate(crops):
-            rgb = _crop_and_resize(source, width, height, _Crop(**crop))
+            rgb = _crop_and_resize(source, width, height, **crop)
             pictures.append(Picture(f"photo/{path.stem}/{i}", rgb))
     for kind, (first, end) in chosen["drawings"].items():
         for number in range(first, end):
@@ -124,7 +112,7 @@ def load_folder(folder: Path, width: int, height: int) -> list[Picture]:
             size = f"{source.shape[1]}x{source.shape[0]}"
             need = f"{MIN_SOURCE_SIDE}x{MIN_SOURCE_SIDE}"
             raise InputError(f"{path}: image is {size}, need at least {need} pixels")
-        pictures.append(Picture(path.name, _crop_and_resize(source, width, height, _Crop())))
+        pictures.append(Picture(path.name, fit_picture(source, width, height)))
     return pictures
 
 
@@ -144,16 +132,33 @@ def _installed(resource: str) -> Path:
 
 
 def _crop_and_resize(
-    rgb: NDArray[np.uint8], width: int, height: int, crop: _Crop
+    rgb: NDArray[np.uint8],
+    width: int,
+    height: int,
+    size: float = 1.0,
+    x: float = 0.5,
+    y: float = 0.5,
 ) -> NDArray[np.uint8]:
-    """Cut the window out of (H, W, 3) and resize it to (height, width, 3)."""
+    """Cut a window of the displayed aspect out of a photograph, and resize it.
+
+    Args:
+        rgb: (H, W, 3) uint8, encoded.
+        width: width of the result, pixels.
+        height: height of the result, pixels.
+        size: size relative to the largest window of that aspect, in (0, 1].
+        x: share of the free width left of the window, in [0, 1].
+        y: share of the free height above the window, in [0, 1].
+
+    Returns:
+        (height, width, 3) uint8, encoded.
+    """
     source_height, source_width = rgb.shape[:2]
-    scale = crop.size * min(source_width / width, source_height / height)
+    scale = size * min(source_width / width, source_height / height)
     window_width = max(1, round(scale * width))
     window_height = max(1, round(scale * height))
-    x = round((source_width - window_width) * crop.x)
-    y = round((source_height - window_height) * crop.y)
-    window = rgb[y : y + window_height, x : x + window_width]
+    left = round((source_width - window_width) * x)
+    top = round((source_height - window_height) * y)
+    window = rgb[top : top + window_height, left : left + window_width]
     shrinks = window_width >= width and window_height >= height
     how = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(window, (width, height), interpolation=how), np.uint8)

@@ -19,13 +19,14 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from link.code.fine import MAX_FRAMES as FINE_MAX_FRAMES
 from link.code.fine import (
+    CRC_BYTES,
     MIN_REDUNDANCY,
     encode_fine,
     fine_capacity,
     fine_frames,
 )
+from link.code.fine import MAX_FRAMES as FINE_MAX_FRAMES
 from link.code.ldpc import Code, make_code
 from link.code.message import Content
 from link.code.scrambled import scrambled
@@ -37,8 +38,8 @@ SIGNATURE = 8
 """Number of bits that each frame spends on saying which frame of the loop it is."""
 MAX_FRAMES = 1024
 """Largest number of frames in a loop."""
-LENGTH_BYTES, CRC_BYTES = 2, 4
-"""Number of bytes that hold the length of the message, and its CRC-32."""
+LENGTH_BYTES = 2
+"""Number of bytes that hold the length of the message; its CRC-32 follows the message."""
 SIGNED = 1 << 8 * LENGTH_BYTES - 1
 """Bit of the length that is set where a message is signed; no loop has room for such a length."""
 MIN_BITS = 2 * SIGNATURE

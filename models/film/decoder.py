@@ -282,10 +282,6 @@ class FilmDecoder(nn.Module):
             self._variance(means[1:3], means[8:]),
         ), changes.flatten(1)
 
-    def to_config(self) -> dict[str, object]:
-        """Give the configuration for the checkpoint: there is none, as the grid is free."""
-        return {"decoder": {}}
-
     def _signal(self, P: Tensor, x: Tensor, y: Tensor, mask: Tensor) -> Tensor:
         """Build the (k, B) columns S from the (MOMENTS + 1, B) moments of the intensity."""
         response = (self.response @ P).unsqueeze(0)

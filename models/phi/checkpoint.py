@@ -12,7 +12,7 @@ import struct
 import zipfile
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 from torch import nn
@@ -24,12 +24,6 @@ from link.outside import is_file, read_bounded, read_json
 from models import shipped_checkpoint
 from models.phi.config import DecoderConfig
 from models.phi.decoder import PhiDecoder
-
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
-    from models.film.decoder import FilmDecoder
-    from models.region.region import DisplayRegion
 
 DAMAGE = (
     AttributeError, EOFError, LookupError, pickle.UnpicklingError, RuntimeError, struct.error,
@@ -43,26 +37,25 @@ MAX_STATE_BYTES = 3 * MAX_WEIGHTS_BYTES
 beside each weight."""
 
 
-def save_checkpoint(
-    folder: Path, module: "PhiDecoder | FilmDecoder | DisplayRegion", extra: dict[str, Any]
-) -> None:
+def save_checkpoint(folder: Path, module: nn.Module, config: dict[str, Any]) -> None:
     """Write decoder.pt and config.json into an existing folder.
 
     Args:
         folder: where both files are written.
-        module: the module whose weights and configuration are written.
-        extra: further entries of config.json, which say how the module was trained.
+        module: the module whose weights are written.
+        config: entries of config.json: what the module is rebuilt from, where it has a choice, and
+            how it was trained.
     """
     buffer = io.BytesIO()
     torch.save(module.state_dict(), buffer)
     write_bytes(folder / "decoder.pt", buffer.getvalue())
     digest = hashlib.sha256(buffer.getvalue()).hexdigest()
-    config = {**module.to_config(), **extra, "sha256": digest}
-    write_bytes(folder / "config.json", (json.dumps(config, indent=2) + "\n").encode())
+    text = json.dumps({**config, "sha256": digest}, indent=2)
+    write_bytes(folder / "config.json", f"{text}\n".encode())
 
 
-def training_settings(config: "DataclassInstance") -> dict[str, Any]:
-    """Turn the flags of a training into JSON values for the checkpoint and its export.
+def training_settings(config: Any) -> dict[str, Any]:
+    """Turn the flags of a training, a dataclass, into JSON values for checkpoint and export.
 
     Folders and files are left out, because they say nothing to a reader on another machine.
     """

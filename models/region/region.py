@@ -69,10 +69,6 @@ class DisplayRegion(nn.Module):
         odds: Tensor = self.odds(self.features(frames))[0]
         return odds
 
-    def to_config(self) -> dict[str, object]:
-        """Give the configuration for the checkpoint: there is none, as the size is free."""
-        return {"region": {}}
-
     @staticmethod
     def features(frames: Tensor) -> Tensor:
         """Measure how squares of `SQUARE_PX` change.

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,25 +11,6 @@ from link.observation import Observation
 from link.types import Image
 from models.pairwise import compose_pair
 from receiver.reading.states import DisplayState, block_purity
-
-
-class Shown(Protocol):
-    """The two states of a frame pair, composed of camera frames."""
-
-    @property
-    def images(self) -> tuple[Image, Image]:
-        """The original and the embedded state, an `Image` each of the layout's size."""
-        ...
-
-    @property
-    def purity(self) -> NDArray[np.floating]:
-        """(n_bits,) how purely exposures fell into one state at each message block, in [0, 1]."""
-        ...
-
-    @property
-    def frames(self) -> tuple[int, int]:
-        """Numbers of camera frames that show the original and the embedded state."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +70,10 @@ class InWindow:
         mixture = self.window.mixture
         shares = mixture.shares.mean((2, 3))[mixture.pair == self.place]
         return int((shares < 0).sum()), int((shares > 0).sum())
+
+
+Shown = States | InWindow
+"""What camera frames show of the two states of a frame pair."""
 
 
 @dataclass(frozen=True, eq=False)

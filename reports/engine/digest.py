@@ -87,18 +87,11 @@ def package_versions() -> list[str]:
 
 def _statements(file: Path) -> str:
     """The module's syntax tree as text, without docstrings and positions."""
-    tree = ast.parse(file.read_text("utf-8"))
-    for node in ast.walk(tree):
-        body = getattr(node, "body", None)
-        if isinstance(body, list):
-            node.body = [part for part in body if not _is_text(part)]  # type: ignore[attr-defined]
-    return ast.dump(tree)
+    return ast.dump(_WithoutTexts().visit(ast.parse(file.read_text("utf-8"))))
 
 
-def _is_text(node: ast.AST) -> bool:
-    """Whether a statement is a string alone: a docstring, or the description of a constant."""
-    return (
-        isinstance(node, ast.Expr)
-        and isinstance(node.value, ast.Constant)
-        and isinstance(node.value.value, str)
-    )
+class _WithoutTexts(ast.NodeTransformer):
+    """Leaves out strings that stand alone: docstrings, and descriptions of constants."""
+
+    def visit_Expr(self, node: ast.Expr) -> ast.Expr | None:
+        return None if isinstance(getattr(node.value, "value", None), str) else node

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from data_gen.flags import LayoutFlags, SourceFlags, own_first
+from data_gen.flags import LayoutFlags, SourceFlags
 from data_gen.pairs import PAIRS
 from link.captures import BELOW
 from link.errors import InputError, ParameterError, at_least, choose, each_once
@@ -32,7 +32,6 @@ OF_RECORDINGS = ("photos", "camera", "view", "fps")
 """Flags that say more of own recordings."""
 
 
-@own_first
 @dataclass(frozen=True)
 class EvaluateConfig(SourceFlags):
     """The paper's protocol on simulated captures, or your own recordings with --captures."""

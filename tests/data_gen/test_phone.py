@@ -116,7 +116,7 @@ def test_a_lens_bends_the_image_and_the_truth_alike() -> None:
     middle = np.array([[79.5, 47.5]])
     lens = Lens(-0.1, (160, 96))
     np.testing.assert_allclose(lens.distort(middle), middle)
-    big = replace(SHORT, scene=replace(ROOM, coverage=0.45, centred=True), seconds=0.05, hand=0.0)
+    big = replace(SHORT, scene=replace(ROOM, coverage=0.45), seconds=0.05, hand=0.0)
     (plain, *_), (bent, *_) = (
         stream(replace(big, phone=PhoneSettings(distortion=k)), states=(WHITE,))
         for k in (0.0, -0.1)

@@ -195,7 +195,7 @@ def test_moire_of_a_part_is_that_of_the_whole() -> None:
 
 
 def test_a_second_display_shows_a_photograph_in_a_dark_room() -> None:
-    dark = replace(SMALL, room="dark", coverage=0.05, centred=True, window=False, turn=0.0)
+    dark = replace(SMALL, room="dark", coverage=0.05, window=False, turn=0.0)
     bright = [Picture("white", np.full((12, 16, 3), 255, np.uint8))]
     without, beside = (
         drawn(4, 0.0, replace(dark, pictures=bright, second_display=flag)) for flag in (False, True)

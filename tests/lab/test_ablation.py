@@ -136,7 +136,8 @@ def test_the_shipped_ablation_makes_tables_and_a_figure() -> None:
 def test_the_command_writes_tables_numbers_and_pictures(
     layout: Layout, tmp_path: Path, command: Command
 ) -> None:
-    save_checkpoint(tmp_path / "run", PhiDecoder(layout, FULL), {})
+    decoder = PhiDecoder(layout, FULL)
+    save_checkpoint(tmp_path / "run", decoder, decoder.to_config())
     out = tmp_path / "out"
     done = command(lab.main, "ablation", *QUICK, "--run", tmp_path / "run", "--out", out)
     report = json.loads((out / "ablation.json").read_text())

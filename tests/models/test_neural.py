@@ -453,7 +453,8 @@ def test_the_refiner_sees_the_change_of_intensity_and_its_moments(channels: str)
 
 @pytest.fixture
 def checkpoint(layout: Layout, tmp_path: Path) -> Path:
-    save_checkpoint(tmp_path, perturbed(PhiDecoder(layout, EVERY_CONFIG[1])), {"pair": "canon-lg"})
+    decoder = perturbed(PhiDecoder(layout, EVERY_CONFIG[1]))
+    save_checkpoint(tmp_path, decoder, decoder.to_config() | {"pair": "canon-lg"})
     return tmp_path
 
 
@@ -462,7 +463,7 @@ def test_a_checkpoint_restores_bit_identical_scores(
     layout: Layout, rectified: Observation, tmp_path: Path, config: DecoderConfig
 ) -> None:
     module = perturbed(PhiDecoder(layout, config))
-    save_checkpoint(tmp_path, module, {})
+    save_checkpoint(tmp_path, module, module.to_config())
     loaded = load_checkpoint(tmp_path).eval()
     assert (loaded.layout, loaded.config) == (layout, config)
     expected = decode_with(module, rectified)
