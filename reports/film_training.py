@@ -182,7 +182,6 @@ def recorded(config: FilmTrainConfig, split: str, folder: Path) -> list[KnownWin
 
 def deal_out(config: FilmTrainConfig, split: str, folder: Path) -> list[Recording]:
     """Deal out films to what is shown and to the pairs; each from an angle of its own."""
-    folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng([config.seed, split == "test"])
     pairs = tuple(PAIRS) if config.pair == "all" else (get_pair(config.pair).name,)
     recordings = []

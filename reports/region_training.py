@@ -36,7 +36,7 @@ from export.to_onnx import export_region
 from link.code.framing import encode
 from link.errors import InputError, at_least
 from link.files.lock import locked
-from link.geometry import transform
+from link.geometry import in_image, transform
 from link.images import as_gray, write_bytes
 from link.layout import Layout
 from link.loop import LoopStates, MovingStates, loop_of_picture
@@ -294,7 +294,6 @@ def train_regions(config: RegionTrainConfig) -> None:
 
 def recorded(config: RegionTrainConfig, split: str, folder: Path) -> list[Path]:
     """Make the films of a split that are not there yet, and name the files of all that are."""
-    (folder / split).mkdir(parents=True, exist_ok=True)
     number = config.number if split == "train" else config.held_out
     films = [
         RegionFilm(split, config.seed, at, folder / split / f"{at:05d}.npz") for at in range(number)
@@ -367,7 +366,7 @@ def outlines_table(module: DisplayRegion, files: list[Path]) -> Table:
         for file in files:
             with np.load(file) as kept:
                 corners = kept["corners"]
-                if not kept["covered"].any() or _in_view(corners) != in_view:
+                if not kept["covered"].any() or in_image(corners, FILM_PX[::-1]).all() != in_view:
                     continue
                 seen = torch.from_numpy(kept[str(COUNTS[1])])[None].float()
             with torch.no_grad():
@@ -383,11 +382,6 @@ def outlines_table(module: DisplayRegion, files: list[Path]) -> Table:
     heads = "display", "films", *(f"within {limit:g} of its size" for limit in within)
     text = "Held-out films (simulated) after 12 changes: distance of the worst corner."
     return Table(heads, rows, text)
-
-
-def _in_view(corners: Corners) -> bool:
-    """Tell whether corners lie in a film's image."""
-    return bool(((corners > 0) & (corners < FILM_PX)).all())
 
 
 def distance(outline: Corners, corners: Corners) -> float:

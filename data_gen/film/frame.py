@@ -45,8 +45,3 @@ class VideoFrame:
             "H_captured_from_display": self.H_captured_from_display.tolist(),
         }
         return json.dumps(line, allow_nan=False)
-
-
-def lies_within(points: NDArray[np.float64], size: tuple[int, int]) -> bool:
-    """Whether (N, 2) points lie within an image of ``size``, its width and height in pixels."""
-    return bool((points >= -0.5).all() and (points <= np.array(size) - 0.5).all())

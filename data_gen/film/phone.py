@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from data_gen.channel.camera import unsharp_mask
 from data_gen.channel.display import Light
-from data_gen.film.frame import VideoFrame, lies_within
+from data_gen.film.frame import VideoFrame
 from link.errors import in_range
-from link.geometry import Lens, frame_corners, homography_from_corners, transform
+from link.geometry import Lens, frame_corners, homography_from_corners, in_image, transform
 
 TONE_TILES = (8, 8)
 """Number of tiles along x and y, between which local tone mapping interpolates."""
@@ -117,7 +117,8 @@ class PhoneProcessor:
         if settings.sharpen > 0:
             rgb = unsharp_mask(rgb.astype(np.float32), settings.sharpen)
         H = H / H[2, 2]
-        visible = lies_within(transform(H, frame_corners(*self._display)), size)
+        inside = in_image(transform(H, frame_corners(*self._display)), rgb.shape)
+        visible = bool(inside.all())
         self._last = replace(frame, rgb=rgb, H_captured_from_display=H, visible=visible)
         return self._last
 

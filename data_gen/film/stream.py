@@ -18,13 +18,13 @@ from data_gen.channel.composition import Shot
 from data_gen.channel.display import Light, room_light
 from data_gen.channel.panel import Panel
 from data_gen.film.exposure import Exposure, ExposureProgram
-from data_gen.film.frame import VideoFrame, lies_within
+from data_gen.film.frame import VideoFrame
 from data_gen.film.phone import PhoneProcessor, PhoneSettings, blur_by_motion
 from data_gen.film.scenes import Scene, SceneSettings, draw_scene
 from data_gen.film.shake import ExposureDrift, Hand, Wander
 from data_gen.parameters import Pair
 from link.errors import ParameterError, in_range
-from link.geometry import transform
+from link.geometry import in_image, transform
 from link.layout import Layout
 
 
@@ -254,6 +254,7 @@ class _Stream:
         if shutter_shift is not None:
             exposure = blur_by_motion(exposure, shutter_shift)
         H = shot.H_captured_from_display
+        inside = in_image(transform(H, scene.layout.corners), exposure.shape)
         return VideoFrame(
             rgb=shot.develop(exposure, self.noise_rng),
             number=number,
@@ -261,7 +262,7 @@ class _Stream:
             display_s=opens,
             H_captured_from_display=H,
             states=shares,
-            visible=lies_within(transform(H, scene.layout.corners), scene.size),
+            visible=bool(inside.all()),
             duplicate=False,
         )
 

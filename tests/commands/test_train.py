@@ -219,14 +219,14 @@ def test_a_state_of_other_settings_is_not_continued(episodes: EpisodeSet, tmp_pa
     assert parameters(anew) == parameters(trained(episodes, tmp_path / "fresh"))
 
 
-@pytest.mark.parametrize("changed", [{"lr": 0.02}, {"batch": 5}, {"seed": 1}, {"kappas": (2,)}])
-def test_every_setting_that_matters_is_part_of_the_key(changed: dict[str, Any]) -> None:
-    assert train.resume_key(replace(CONFIG, **changed)) != train.resume_key(CONFIG)
+MATTER = {"lr": 0.02, "batch": 5, "seed": 1, "kappas": (2,)}
+OF_EVALUATION = {"out": Path("elsewhere"), "frames": 2, "jobs": 2}
 
 
-@pytest.mark.parametrize("changed", [{"out": Path("elsewhere")}, {"frames": 2}, {"jobs": 2}])
-def test_settings_of_the_evaluation_are_not_part_of_the_key(changed: dict[str, Any]) -> None:
-    assert train.resume_key(replace(CONFIG, **changed)) == train.resume_key(CONFIG)
+@cases(*MATTER.items(), *OF_EVALUATION.items())
+def test_settings_that_matter_are_part_of_the_key(name: str, value: Any) -> None:
+    changed = train.resume_key(replace(CONFIG, **{name: value}))
+    assert (changed != train.resume_key(CONFIG)) == (name in MATTER)
 
 
 def test_a_half_finished_training_depends_on_the_code_that_it_runs_alone() -> None:

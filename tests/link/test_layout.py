@@ -156,15 +156,13 @@ def test_a_coded_display_has_more_pilots() -> None:
     assert coded.pilots == 307 > count_pilots("auto", coded.rows, coded.cols)
 
 
-@pytest.mark.parametrize("pilots", ["", "-0.1", "1", "nan", "AUTO", "5%"])
-def test_what_is_no_share_of_pilots_is_refused(pilots: str) -> None:
-    with pytest.raises(ParameterError, match=r"^pilots: need auto, or a share from 0 to below 1"):
-        count_pilots(pilots, 8, 8)
+NO_SHARES = dict.fromkeys(("", "-0.1", "1", "nan", "AUTO", "5%"), "need auto, or a share from 0 to")
+NO_SHARES |= dict.fromkeys(("0.001", "0.02", "1e-300"), "of 8x8 blocks is less than 2 pilots; give")
 
 
-@pytest.mark.parametrize("pilots", ["0.001", "0.02", "1e-300"])
-def test_a_share_of_less_than_two_pilots_is_no_wish_for_patches(pilots: str) -> None:
-    with pytest.raises(ParameterError, match="of 8x8 blocks is less than 2 pilots; give a larger"):
+@cases(*NO_SHARES.items())
+def test_what_is_no_share_of_pilots_is_refused(pilots: str, says: str) -> None:
+    with pytest.raises(ParameterError, match=f"^pilots: .*{says}"):
         count_pilots(pilots, 8, 8)
 
 
@@ -226,17 +224,13 @@ def test_patches_that_coincide_in_a_small_grid_are_refused() -> None:
         make_layout(2, 2, ratex=5)
 
 
-@pytest.mark.parametrize("key", ["rows", "cols", "width", "height", "ratex"])
-def test_every_key_is_needed(key: str) -> None:
-    data = as_dict()
-    del data[key]
-    with pytest.raises(InputError, match="need the keys rows, cols, width, height, ratex, and"):
-        Layout.from_dict(data)
+FIVE = ("rows", "cols", "width", "height", "ratex")
+LACKING = [{key: as_dict()[key] for key in FIVE if key != lacks} for lacks in FIVE]
 
 
-@pytest.mark.parametrize("data", [None, [], "layout", 5, as_dict(depth=3)])
+@pytest.mark.parametrize("data", [None, [], "layout", 5, as_dict(depth=3), *LACKING])
 def test_anything_but_the_five_keys_is_refused(data: Any) -> None:
-    with pytest.raises(InputError, match="need the keys"):
+    with pytest.raises(InputError, match=f"need the keys {', '.join(FIVE)}, and"):
         Layout.from_dict(data)
 
 

@@ -39,7 +39,7 @@ def window(layout: Layout) -> Observation:
         ("linear", window(PILOTS)),
         ("film", window(PRESETS["robust"].layout)),
     ],
-    ids=str,
+    ids=lambda each: each if isinstance(each, str) else f"{len(each.frames)} frames",
 )
 def test_decoders_call_the_forward_of_phi(
     name: str, seen: Observation, monkeypatch: pytest.MonkeyPatch

@@ -13,7 +13,7 @@
  * The codeword is whitened, and interleaved over all frames and blocks.
  */
 
-import { codeFraming } from "../../../generated/constants.js";
+import { codeFine, codeFraming } from "../../../generated/constants.js";
 import { unpackBits } from "./bits.js";
 import { crc32 } from "./crc.js";
 import { encodeFine, fineFrames } from "./fine.js";
@@ -21,7 +21,8 @@ import { makeCode } from "./ldpc.js";
 import { remembered } from "./remembered.js";
 import { range, scrambled, shuffled } from "./scrambled.js";
 
-const { FINE_BITS, LENGTH_BYTES, CRC_BYTES, SIGNATURE, SIGNED } = codeFraming;
+const { CRC_BYTES } = codeFine;
+const { FINE_BITS, LENGTH_BYTES, SIGNATURE, SIGNED } = codeFraming;
 
 /** @import { Content } from "./message.js" */
 
