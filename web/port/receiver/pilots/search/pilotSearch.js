@@ -17,13 +17,13 @@ import { Watch } from "./watch.js";
 import { WindowSearch } from "./windowSearch.js";
 
 /** @typedef {import("./film.js").HeldFrame} HeldFrame */
-/** @typedef {import("./settle.js").Settled} Settled */
+/** @typedef {import("./settle.js").Detection} Detection */
 
 const { WINDOWS } = receiverPilotsSearchPilotSearch;
 
 /**
  * Units of work (`types.d.ts`) from which on a frame from a file has had its share: while the display is
- * looked for, and while a proposal is being settled. What is proposed late takes half of them.
+ * looked for, and while a proposal is being verified. What is proposed late takes half of them.
  */
 export const [FRAME_WORK, SETTLING_WORK] = [24, 88];
 /**
@@ -32,7 +32,7 @@ export const [FRAME_WORK, SETTLING_WORK] = [24, 88];
 export const FRAME_MS = 200;
 /**
  * Share of the time from one frame to the next in which all work on a frame of such a camera is to
- * be done while others are still to be watched, and nothing is being settled, or while a proposal
+ * be done while others are still to be watched, and nothing is being verified, or while a proposal
  * waits for others: what is missed then cannot be watched any more.
  */
 const SPARE = 0.8;
@@ -150,19 +150,19 @@ export class PilotSearch {
   /**
    * Say what was found in a window, and choose how the next one begins.
    *
-   * @param {Settled | null} settled
+   * @param {Detection | null} detection
    * @param {WindowSearch} window
    * @returns {PilotDisplay | null}
    */
-  #ended(settled, window) {
-    if (settled === null) {
+  #ended(detection, window) {
+    if (detection === null) {
       this.#windows = this.#windows.filter((each) => each !== window);
       return null;
     }
     const { watch } = window;
     this.#begun = 0;
     this.#windows = [];
-    const { proposal, k } = settled;
+    const { proposal, k } = detection;
     const { layout, corners, toggling } = proposal;
     this.pictureMoves = watch.pictureMoves || watch.moves(corners);
     const newest = watch.newest.corners(corners);
@@ -174,7 +174,7 @@ export class PilotSearch {
 }
 
 /**
- * Tell when a window has its turn, the smaller the sooner: what is being settled comes first, then what
+ * Tell when a window has its turn, the smaller the sooner: what is being verified comes first, then what
  * is not late, and of the late ones those with something that waits.
  *
  * @param {WindowSearch} window

@@ -30,9 +30,9 @@ const {
 } = receiverPilotsSearchProposals;
 
 export const { NEXT_FRAME } = receiverPilotsSearchWatch;
-/** Units of work of one frame's view of a display, and of a glance at it. */
+/** Units of work of one frame's view of a display, and of weighing it coarsely. */
 export const VIEW_WORK = 0.6;
-export const GLANCE_WORK = 10;
+export const COARSE_WORK = 10;
 /** Units of work of a layout's fit, and of rough maps. */
 const FIT_WORK = 4;
 const ROUGH_WORK = 2;
@@ -52,7 +52,7 @@ const SNAP_WORK = 12;
  * The likeliest proposal of a quadrilateral, and its evidence before the number of proposals tried
  * is allowed for.
  *
- * @typedef {{ evidence: number, proposal: Proposal }} Glance
+ * @typedef {{ evidence: number, proposal: Proposal }} Weighed
  */
 
 /**
@@ -93,8 +93,8 @@ export const positions = (frames) => frames.map(({ at }) => at);
 
 /**
  * Proposes where the display may be in a film, and what it may show. Quadrilaterals of edges in the
- * reference are glanced at while frames are still being watched. Others are outlines of what toggles,
- * as they are and moved to edges, and what the pilots' fit makes of a display partly in view.
+ * reference are weighed coarsely while frames are still being watched. Others are outlines of what
+ * toggles, as they are and moved to edges, and what the pilots' fit makes of a display partly in view.
  */
 export class Proposer {
   #watch;
@@ -207,14 +207,14 @@ export class Proposer {
    * @param {Point[]} quad
    * @param {number | null} [count] - of the frames, from the first on, in which it is followed by
    *   its own motion; null to look at all, held still as the room is, which is quicker
-   * @returns {Steps<Glance>} what is surest
+   * @returns {Steps<Weighed>} what is surest
    */
-  *glanceSteps(quad, count = null) {
+  *weighCoarselySteps(quad, count = null) {
     const ways = [];
     for (const turn of ANY_TURN) {
       const values = this.#pilotsSeen(quad, turn, count);
       ways.push(this.#surest(rolled(quad, turn), values));
-      yield GLANCE_WORK / 2;
+      yield COARSE_WORK / 2;
     }
     return surestOf(ways);
   }
@@ -254,7 +254,7 @@ export class Proposer {
    *
    * @param {Point[]} corners - in the reference frame
    * @param {PilotsSeen} values - in the first frames
-   * @returns {Glance}
+   * @returns {Weighed}
    */
   #surest(corners, values) {
     const at = positions(this.#watch.frames.slice(0, values.length));
@@ -299,7 +299,7 @@ export class Proposer {
    */
   *firstFit(quad) {
     const views = this.#watch.views(quad, ...COARSE_SIZE);
-    yield GLANCE_WORK;
+    yield COARSE_WORK;
     const at = positions(this.#watch.frames);
     let most = 0;
     let best = null;
@@ -359,7 +359,7 @@ function pilotsIn(views, layouts) {
   return views.map((_, at) => ways.map((values) => values[at]));
 }
 
-/** Choose the glance of most evidence. @param {Glance[]} found @returns {Glance} */
+/** Choose what has most evidence. @param {Weighed[]} found @returns {Weighed} */
 function surestOf(found) {
   return found.reduce((best, each) => (each.evidence > best.evidence ? each : best));
 }

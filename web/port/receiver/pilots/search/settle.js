@@ -28,7 +28,7 @@ const MOVE_WORK = 6;
  * A display that is sure: where it is in the reference frame, and the coefficient of the lens, 0
  * where nothing speaks for another.
  *
- * @typedef {{ proposal: Proposal, k: number }} Settled
+ * @typedef {{ proposal: Proposal, k: number }} Detection
  */
 
 /**
@@ -41,9 +41,9 @@ const MOVE_WORK = 6;
  * @param {Proposal} proposal
  * @param {number} first - evidence of it in all frames so far, before it pays for anything
  * @param {Watch} watch - the film, of which there may be more after each step
- * @returns {Steps<Settled | null>} null where it is not sure
+ * @returns {Steps<Detection | null>} null where it is not sure
  */
-export function* settleSteps(proposal, first, watch) {
+export function* verifySteps(proposal, first, watch) {
   const frames = [...watch.frames];
   const pilots = proposal.layout.pilotBlocks.length;
   const needed = Math.min(SURE, SURE_SHARE * pilots);

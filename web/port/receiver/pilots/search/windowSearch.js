@@ -9,14 +9,14 @@
 import { receiverPilotsSearchWindowSearch } from "../../../../generated/constants.js";
 import { rolled } from "../../locate/quads.js";
 import {
-  GLANCE_WORK, NEXT_FRAME, PROMISING, Proposer, STRONGEST, weighSteps,
+  COARSE_WORK, NEXT_FRAME, PROMISING, Proposer, STRONGEST, weighSteps,
 } from "./proposals.js";
 import { withBars } from "./regions.js";
-import { HINT, settleSteps } from "./settle.js";
+import { HINT, verifySteps } from "./settle.js";
 
 /** @typedef {import("./proposals.js").Proposal} Proposal */
 /** @typedef {import("./proposals.js").RegionMapper} RegionMapper */
-/** @typedef {import("./settle.js").Settled} Settled */
+/** @typedef {import("./settle.js").Detection} Detection */
 /** @typedef {import("./watch.js").Watch} Watch */
 
 const { SURROUNDED, LEAVING_AT_ONCE, LEAVING_LATER } = receiverPilotsSearchWindowSearch;
@@ -32,13 +32,13 @@ export class WindowSearch {
   #everyTurn;
   /** What may bound a display partly in view, by what toggles, the likeliest first. @type {Point[][]} */
   #leaving = [];
-  /** Whether edges have been glanced at at all. */
+  /** Whether edges have been weighed coarsely at all. */
   hasLooked = false;
-  /** Whether edges have been glanced at in all frames that are watched. */
+  /** Whether edges have been weighed coarsely in all frames that are watched. */
   isLate = false;
-  /** Whether a proposal is being settled. */
+  /** Whether a proposal is being verified. */
   isSettling = false;
-  /** Proposals being settled that have waited for a frame, or wait. @type {Steps<Settled | null>[]} */
+  /** Proposals being verified that have waited for a frame, or wait. @type {Steps<Detection | null>[]} */
   #waiting = [];
 
   /**
@@ -59,7 +59,7 @@ export class WindowSearch {
     this.steps = this.#allSteps();
   }
 
-  /** Whether a proposal that is being settled has waited for a frame, or waits for one. */
+  /** Whether a proposal that is being verified has waited for a frame, or waits for one. */
   get isWaiting() {
     return this.#waiting.length > 0;
   }
@@ -67,7 +67,7 @@ export class WindowSearch {
   /**
    * Search, and go on first with what waited for a frame once the frame has come.
    *
-   * @returns {Steps<Settled | null>}
+   * @returns {Steps<Detection | null>}
    */
   *#allSteps() {
     const search = this.#search();
@@ -75,8 +75,8 @@ export class WindowSearch {
     for (let isOver = false; !isOver || this.isWaiting; ) {
       if (this.watch.newest !== newest) {
         newest = this.watch.newest;
-        for (const settling of [...this.#waiting]) {
-          const found = yield* this.#goOn(settling);
+        for (const verification of [...this.#waiting]) {
+          const found = yield* this.#goOn(verification);
           if (found !== null) return found;
         }
       }
@@ -94,11 +94,11 @@ export class WindowSearch {
   /**
    * Look for the display in the film that follows the reference.
    *
-   * After the first glance at edges, and once the window is late, other proposals are tried. While
-   * frames are awaited, the pilots are fitted to quadrilaterals that may bound a display of which a part
-   * is in view; beside another window, which has the time, this comes at the end.
+   * After edges have first been weighed coarsely, and once the window is late, other proposals are
+   * tried. While frames are awaited, the pilots are fitted to quadrilaterals that may bound a display of
+   * which a part is in view; beside another window, which has the time, this comes at the end.
    *
-   * @returns {Steps<Settled | null>}
+   * @returns {Steps<Detection | null>}
    */
   *#search() {
     const { watch } = this;
@@ -120,9 +120,9 @@ export class WindowSearch {
       }
       const isFirst = seen === 0;
       seen = watch.frames.length;
-      const glanced = yield* this.#glance(edges, seen);
+      const weighed = yield* this.#weighCoarsely(edges, seen);
       this.hasLooked = true;
-      const found = glanced ?? (isFirst ? yield* this.#others() : null);
+      const found = weighed ?? (isFirst ? yield* this.#others() : null);
       if (found !== null) return found;
     }
     this.isLate = true;
@@ -136,7 +136,7 @@ export class WindowSearch {
   /**
    * List what is tried while frames are awaited: displays partly in view.
    *
-   * @returns {Generator<Steps<Settled | null>>}
+   * @returns {Generator<Steps<Detection | null>>}
    */
   *#aside() {
     const quads = this.#leaving.length > 0 ? this.#leaving : this.#proposer.partlySeen;
@@ -144,25 +144,25 @@ export class WindowSearch {
   }
 
   /**
-   * Glance at faint edges, and fit the pilots to outlines of what toggles. What costs least and what is
-   * likeliest comes first.
+   * Weigh faint edges coarsely, and fit the pilots to outlines of what toggles. What costs least and
+   * what is likeliest comes first.
    *
-   * @returns {Steps<Settled | null>}
+   * @returns {Steps<Detection | null>}
    */
   *#others() {
     const [faint, ...withoutDetails] = this.#proposer.faintEdges();
-    const early = yield* this.#glance(yield* faint);
+    const early = yield* this.#weighCoarsely(yield* faint);
     if (early !== null) return early;
     const { outlines: regions, leaving } = yield* this.#proposer.regions();
     this.#leaving = leaving;
     const snapped = regions.length > 0 ? yield* this.#proposer.snapped(regions[0]) : [];
     const bounded =
-      (yield* this.#glance([...snapped, ...regions])) ??
+      (yield* this.#weighCoarsely([...snapped, ...regions])) ??
       (yield* this.#fit(leaving.slice(0, LEAVING_AT_ONCE), this.#turns.slice(0, 1))) ??
       (yield* this.#fit(regions.slice(0, 1), this.#everyTurn));
     if (bounded !== null) return bounded;
     for (const edges of withoutDetails) {
-      const found = yield* this.#glance(yield* edges);
+      const found = yield* this.#weighCoarsely(yield* edges);
       if (found !== null) return found;
     }
     return (
@@ -172,23 +172,23 @@ export class WindowSearch {
   }
 
   /**
-   * Glance at quadrilaterals, and settle each that is promising.
+   * Weigh quadrilaterals coarsely, and verify each that is promising.
    *
    * @param {Point[][]} quads - the likeliest first
    * @param {number | null} [count] - as `Watch.places` takes it; null for those that are proposed late
    */
-  *#glance(quads, count = null) {
+  *#weighCoarsely(quads, count = null) {
     for (const quad of quads) {
-      const { evidence, proposal } = yield* this.#proposer.glanceSteps(quad, count);
+      const { evidence, proposal } = yield* this.#proposer.weighCoarselySteps(quad, count);
       if (!(evidence > PROMISING)) continue;
-      const found = yield* this.#weighAndSettle(proposal);
+      const found = yield* this.#weighAndVerify(proposal);
       if (found !== null) return found;
     }
     return null;
   }
 
   /**
-   * Fit the pilots to quadrilaterals, and settle each fit that is a hint.
+   * Fit the pilots to quadrilaterals, and verify each fit that is a hint.
    *
    * @param {Point[][]} quads - the likeliest first
    * @param {readonly number[]} turns - quarter turns after which each is tried
@@ -199,9 +199,9 @@ export class WindowSearch {
         const corners = yield* this.#proposer.firstFit(rolled(quad, turn));
         if (corners === null) continue;
         const { evidence, proposal } = this.#proposer.surestIn(corners);
-        yield GLANCE_WORK;
+        yield COARSE_WORK;
         if (!(evidence > HINT)) continue;
-        const found = yield* this.#settle(proposal, evidence);
+        const found = yield* this.#verify(proposal, evidence);
         if (found !== null) return found;
       }
     }
@@ -209,41 +209,41 @@ export class WindowSearch {
   }
 
   /**
-   * Weigh a proposal by all frames so far, and settle it.
+   * Weigh a proposal by all frames so far, and verify it.
    *
    * @param {Proposal} proposal
    */
-  *#weighAndSettle(proposal) {
+  *#weighAndVerify(proposal) {
     const { evidence } = yield* weighSteps(proposal, this.watch.frames, this.watch.fps);
-    return yield* this.#settle(proposal, evidence);
+    return yield* this.#verify(proposal, evidence);
   }
 
   /**
-   * Settle a proposal with this evidence in all frames so far, before it pays.
+   * Verify a proposal with this evidence in all frames so far, before it pays.
    *
    * @param {Proposal} proposal
    * @param {number} evidence
    */
-  *#settle(proposal, evidence) {
-    return yield* this.#goOn(settleSteps(proposal, evidence, this.watch));
+  *#verify(proposal, evidence) {
+    return yield* this.#goOn(verifySteps(proposal, evidence, this.watch));
   }
 
   /**
-   * Settle a proposal until it needs a frame that has yet to come; then it waits.
+   * Verify a proposal until it needs a frame that has yet to come; then it waits.
    *
-   * @param {Steps<Settled | null>} settling
-   * @returns {Steps<Settled | null>}
+   * @param {Steps<Detection | null>} verification
+   * @returns {Steps<Detection | null>}
    */
-  *#goOn(settling) {
+  *#goOn(verification) {
     for (;;) {
-      const step = settling.next();
+      const step = verification.next();
       this.isSettling = !step.done && step.value !== NEXT_FRAME;
       if (step.done) {
-        this.#waiting = this.#waiting.filter((each) => each !== settling);
+        this.#waiting = this.#waiting.filter((each) => each !== verification);
         return step.value;
       }
       if (!this.isSettling) {
-        if (!this.#waiting.includes(settling)) this.#waiting.push(settling);
+        if (!this.#waiting.includes(verification)) this.#waiting.push(verification);
         return null;
       }
       yield step.value;
