@@ -33,7 +33,7 @@ def test_cells_are_covered_as_corners_say() -> None:
 def test_pilots_toggle_where_the_film_says_that_the_picture_is() -> None:
     """The strength of evidence tells, since pilots are met by chance once in e to the 20."""
     seen = 0
-    for number in range(12):
+    for number in range(6):
         drawn = draw_film("train", 2, number)
         frames = [frame for _, frame in zip(range(12), drawn.frames, strict=False)]
         best = 0.0
@@ -49,17 +49,17 @@ def test_pilots_toggle_where_the_film_says_that_the_picture_is() -> None:
             best = max(best, evidence)
         seen += best > 20
         assert drawn.shows_message or best < 20
-    assert seen >= 6
+    assert seen >= 3
 
 
 @pytest.mark.slow
 def test_a_run_trains_writes_the_graph_and_goes_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    config = RegionTrainConfig(out=tmp_path / "run", number=3, held_out=2, steps=2, batch=2, jobs=1)
+    config = RegionTrainConfig(out=tmp_path / "run", number=1, held_out=1, steps=2, batch=2, jobs=1)
     train_regions(config)
     films = {file: file.read_bytes() for file in tmp_path.rglob("*.npz")}
-    assert len(films) >= 3
+    assert len(films) == 2
     first = (config.out / "decoder.pt").read_bytes()
     train_regions(config)
     assert {file: file.read_bytes() for file in tmp_path.rglob("*.npz")} == films
