@@ -144,6 +144,7 @@ def film_to_onnx(module: FilmDecoder) -> bytes:
         {0: pairs},
     )
     model = _translate(module, example, free, ["scores"])
+    _scan_backwards(model.graph)
     return _finished(model, {"format": FILM_FORMAT, "version": __version__})
 
 
@@ -204,6 +205,35 @@ def _translate(
         )
     assert program is not None
     return program.model_proto
+
+
+def _scan_backwards(graph: onnx.GraphProto) -> None:
+    """Let scans that begin with the last slice do so themselves, subgraphs included.
+
+    torch turns their inputs around before and their outputs after them, each time in a new tensor.
+    """
+    turns = [node for node in graph.node if node.name.startswith("node_flip")]
+    before = {turn.output[0]: turn.input[0] for turn in turns}
+    after = {turn.input[0]: turn.output[0] for turn in turns}
+    needless: set[str] = set()
+    for node in graph.node:
+        attributes = {attribute.name: attribute for attribute in node.attribute}
+        if "body" in attributes:
+            _scan_backwards(attributes["body"].g)
+        if node.op_type != "Scan":
+            continue
+        ways = [attributes[f"scan_{side}_directions"].ints for side in ("input", "output")]
+        slices, stacked = (-len(way) for way in ways)
+        if all(name in before for name in node.input[slices:]):
+            needless.update(node.input[slices:])
+            node.input[slices:] = [before[name] for name in node.input[slices:]]
+            node.output[stacked:] = [after[name] for name in node.output[stacked:]]
+            needless.update(node.output[stacked:])
+            for way in ways:
+                way[:] = [1] * len(way)
+    for turn in turns:
+        if turn.output[0] in needless:
+            graph.node.remove(turn)
 
 
 def _halve_weights(graph: onnx.GraphProto) -> None:

@@ -3,13 +3,14 @@
 from pathlib import Path
 
 import numpy as np
+import onnx
 import pytest
 
 from data_gen.frame_pair import Cell, FramePair, Source
 from export.runtime import Decoder
 from link.layout import Layout
 from link.presets import PRESETS
-from models import PRETRAINED, PRETRAINED_PILOTS, shipped_checkpoint, shipped_graphs
+from models import FILM_GRAPH, PRETRAINED, PRETRAINED_PILOTS, shipped_checkpoint, shipped_graphs
 from models.phi.checkpoint import load_checkpoint
 from models.phi.methods import decode_with
 
@@ -27,6 +28,15 @@ def test_there_is_a_graph_for_each_preset() -> None:
         for preset in PRESETS.values()
         if preset.layout.pilots
     )
+
+
+def test_scans_of_the_film_decoder_turn_no_tensors_around() -> None:
+    nodes = list(onnx.load(FILM_GRAPH).graph.node)
+    for node in nodes:  # grows by the nodes of subgraphs
+        nodes += [inner for each in node.attribute for inner in each.g.node]
+    assert not [node.name for node in nodes if "flip" in node.name]
+    ways = [a.ints[0] for n in nodes for a in n.attribute if a.name == "scan_input_directions"]
+    assert set(ways) == {0, 1}
 
 
 @pytest.mark.slow
