@@ -25,6 +25,11 @@ class Newest(Generic[T]):
         self._closed = False
         self._changed = Condition()
 
+    @property
+    def waits(self) -> bool:
+        """Whether an item waits to be taken."""
+        return bool(self._items)
+
     def put(self, item: T) -> None:
         """Put an item in place of the one that waits."""
         with self._changed:

@@ -192,8 +192,7 @@ def test_wrong_arguments_are_refused_in_one_line(call: Any, code: str, says: str
 @pytest.mark.slow
 def test_states_of_the_package_are_read_beside_a_camera_that_never_waits() -> None:
     events: list[FilmEvent] = []
-    receiver = Receiver(30, models=["robust"])
-    reader = LiveReceiver(receiver, events.append)
+    reader = LiveReceiver(Receiver(30, models=["robust"]), events.append)
     picture = np.clip(150 + 20 * texture((384, 512), 3), 0, 255).astype(np.uint8)
     states = list(hidden_states(picture, TEXT.encode(), preset="robust"))
     H, rng = homography_from_corners(CORNERS, 512, 384), np.random.default_rng(0)
@@ -202,7 +201,7 @@ def test_states_of_the_package_are_read_beside_a_camera_that_never_waits() -> No
         frame = cv2.warpPerspective(gray, H, (640, 480), borderValue=60.0)
         planes = np.vstack([frame + rng.normal(0.5, 1, frame.shape), np.full((240, 640), 128)])
         reader.push(luma(planes.clip(0, 255).astype(np.uint8)), number / 30)
-        while receiver._frames <= number:  # a camera would not wait; so each frame is read
+        while reader.waits:  # a camera would not; so each frame is read
             sleep(0.001)
     reader.finish()
     assert [event["text"] for event in events if event["event"] == "message"][:1] == [TEXT]

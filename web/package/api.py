@@ -220,6 +220,11 @@ class LiveReceiver:
         return self._waiting.passed_over
 
     @property
+    def waits(self) -> bool:
+        """Whether a frame waits to be read."""
+        return self._waiting.waits
+
+    @property
     def explanation(self) -> str:
         """Sentence that says what was seen and what helps, as `Receiver.explanation`."""
         return self._receiver.explanation
