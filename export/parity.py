@@ -184,8 +184,6 @@ class SyntheticWindow:
     """(P, n_bits) bits that it shows."""
     clock: DisplayClock
     """Clock of the display."""
-    times: NDArray[np.float64]
-    """(T,) times of the frames, seconds."""
 
 
 def synthetic_window(
@@ -226,7 +224,8 @@ def synthetic_window(
         shown.append(picture + 2 * blocks + noise * rng.standard_normal(picture.shape))
     mixture = mixture_of_exposures(clock, times, layout, first, len(bits))
     images = tuple(np.asarray(each, np.float32) for each in shown)
-    return SyntheticWindow(Observation(images, layout, mixture), bits, clock, times)
+    observation = Observation(images, layout, mixture, times=tuple(times.tolist()))
+    return SyntheticWindow(observation, bits, clock)
 
 
 def synthetic_pair(

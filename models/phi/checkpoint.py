@@ -12,7 +12,7 @@ import struct
 import zipfile
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import nn
@@ -24,6 +24,9 @@ from link.outside import is_file, read_bounded, read_json
 from models import shipped_checkpoint
 from models.phi.config import DecoderConfig
 from models.phi.decoder import PhiDecoder
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 DAMAGE = (
     AttributeError, EOFError, LookupError, pickle.UnpicklingError, RuntimeError, struct.error,
@@ -54,8 +57,8 @@ def save_checkpoint(folder: Path, module: nn.Module, config: dict[str, Any]) -> 
     write_bytes(folder / "config.json", f"{text}\n".encode())
 
 
-def training_settings(config: Any) -> dict[str, Any]:
-    """Turn the flags of a training, a dataclass, into JSON values for checkpoint and export.
+def training_settings(config: "DataclassInstance") -> dict[str, Any]:
+    """Turn the flags of a training into JSON values for the checkpoint and its export.
 
     Folders and files are left out, because they say nothing to a reader on another machine.
     """

@@ -27,7 +27,7 @@ def film_of(frames=40, seed=2, gap_s=0.0):
     rng = np.random.default_rng(seed)
     window = synthetic_window(LAYOUT, rng, frames, noise=10.0)
     grays, shown = window.observation.frames, []
-    for number, (gray, time) in enumerate(zip(grays, window.times, strict=True)):
+    for number, (gray, time) in enumerate(zip(grays, window.observation.times, strict=True)):
         image = np.repeat(np.repeat(gray.clip(0, 255).astype(np.uint8), 2, 0), 2, 1)
         in_view = None
         if number % 5 == 0:
