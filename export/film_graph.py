@@ -10,7 +10,7 @@ from link.frames import SoftBits
 from link.observation import Observation
 from models.film.window import film_inputs
 
-FILM_FORMAT = "film 3"
+FILM_FORMAT = "film 4"
 """Version of the graph's inputs and outputs that this code reads."""
 
 

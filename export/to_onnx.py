@@ -78,6 +78,12 @@ def _sum_pixels(frame: Any, weights: Any, stride: int) -> Any:
     return opset.Cast(total, to=onnx.TensorProto.FLOAT)
 
 
+def _stride(tensor: Any, axis: int) -> Any:
+    """Tell the stride of a tensor along an axis; torch asks only for those of whole tensors."""
+    opset = Opset("", OPSET)
+    return opset.ReduceProd(opset.Shape(tensor, start=axis + 1), keepdims=0)
+
+
 def to_onnx(module: PhiDecoder, run_name: str, training: Mapping[str, Any] | None = None) -> bytes:
     """Turn the decoder into an ONNX model that fits the head itself.
 
@@ -125,6 +131,7 @@ def film_to_onnx(module: FilmDecoder) -> bytes:
     size = layout.height // SHRINK, layout.width // SHRINK
     dims = torch.export.Dim
     frames, pairs = dims("frames", min=4, max=256), dims("pairs", min=2, max=256)
+    slots = dims("slots", min=2, max=SLOTS)
     rows, cols = (dims(name, min=LEAST_SIDE, max=1024) for name in ("rows", "cols"))
     height, width = (dims(name, min=32, max=MAX_SIDE_PX) for name in ("height", "width"))
     example = {
@@ -139,8 +146,8 @@ def film_to_onnx(module: FilmDecoder) -> bytes:
         {0: frames, 2: height, 3: width},
         {0: frames, 1: rows, 2: cols},
         {0: rows, 1: cols},
-        {0: frames, 2: rows, 3: cols},
-        {0: frames},
+        {0: frames, 1: slots, 2: rows, 3: cols},
+        {0: frames, 1: slots},
         {0: pairs},
     )
     model = _translate(module, example, free, ["scores"])
@@ -199,6 +206,7 @@ def _translate(
             custom_translation_table={
                 torch.ops.camera_display.inverse.default: _inverse,
                 torch.ops.camera_display.sum_pixels.default: _sum_pixels,
+                torch.ops.aten.sym_stride.int: _stride,
             },
             opset_version=OPSET,
             verbose=False,

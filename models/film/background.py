@@ -16,6 +16,7 @@ All functions are linear recursions over the T frames, for all B blocks at once.
 from __future__ import annotations  # export cannot trace those of inner functions
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -47,8 +48,7 @@ class Spread:
         return torch.cat([squares[:-1], torch.zeros_like(squares[:1])])
 
 
-@dataclass(frozen=True)
-class Background:
+class Background(NamedTuple):
     """The model of each block's level and noise; `background_of` makes it.
 
     >>> still = background_of(torch.ones(4, 1), torch.zeros(4, 1))
@@ -64,8 +64,11 @@ class Background:
     """
     before: Tensor
     """(T, B) variance of the level before each frame is seen."""
-    innovation: Tensor
-    """(T, B) variance of what each frame differs from the level by the frames before it."""
+
+    @property
+    def innovation(self) -> Tensor:
+        """(T, B) variance of what each frame differs from the level by the frames before it."""
+        return self.before + self.noise
 
     @property
     def gain(self) -> Tensor:
@@ -81,11 +84,12 @@ class Background:
         weighted = values * _like(self.innovation.rsqrt(), values)
 
         def step(level: Tensor, value: Tensor, gain: Tensor) -> tuple[Tensor, Tensor]:
-            return level - gain * level - value, value + gain * level
+            carried = gain * level
+            return level - carried - value, carried
 
-        zero = torch.zeros_like(values[0])
-        (transposed,) = scan(step, zero, weighted, _like(self.gain, values), reverse=True)
-        return transposed
+        zero = torch.zeros_like(weighted[0])
+        (carried,) = scan(step, zero, weighted, _like(self.gain, values), reverse=True)
+        return weighted + carried
 
     def innovations(self, values: Tensor) -> Tensor:
         """Give what each frame differs from the level by the frames before it: (T, ..., B)."""
@@ -119,12 +123,11 @@ class Background:
 def background_of(noise: Tensor, drift: Tensor) -> Background:
     """Make the model of noise and drift, (T, B) each as `Background` has them."""
 
-    def step(variance: Tensor, r: Tensor, q: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        innovation = variance + r
-        return variance * r / innovation + q, variance.clone(), innovation
+    def step(variance: Tensor, r: Tensor, q: Tensor) -> tuple[Tensor, Tensor]:
+        return variance * r / (variance + r) + q, variance.clone()
 
-    before, innovation = scan(step, UNKNOWN * noise[0], noise, drift)
-    return Background(noise, drift, before, innovation)
+    (before,) = scan(step, UNKNOWN * noise[0], noise, drift)
+    return Background(noise, drift, before)
 
 
 def _like(values: Tensor, other: Tensor) -> Tensor:

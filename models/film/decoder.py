@@ -237,9 +237,7 @@ class FilmDecoder(nn.Module):
 
         begun = self._begin(changes, picture, near)
         none, bits = torch.zeros_like(changes), known.expand(pairs.shape[0], -1)
-        start = Estimates(
-            bits, bits, torch.zeros_like(known), none, none, none, begun.noise, begun.drift
-        )
+        start = Estimates(bits, bits, torch.zeros_like(known), none, none, none, *begun)
         llr = Estimates(*repeat(ROUNDS, improve, tuple(each.clone() for each in start))).llr
         llr = self.temperature.double().exp() * llr.double()
         if not self.training:  # the temperature is learned without this correction
@@ -357,7 +355,7 @@ class FilmDecoder(nn.Module):
             mixture: what each exposure mixes.
             near: averages over neighbouring blocks and frames.
         """
-        background = background_of(last.noise, last.drift)
+        background = Background(last.noise, last.drift, last.before)
         shared = self._explain(changes - last.signal, last.shared, picture, background)
         values = changes - last.signal - shared
         doubt = (mixture.shares**2 * (1 - mixture.of_slots(last.x**2))).sum(1) * last.amplitude**2
@@ -374,7 +372,7 @@ class FilmDecoder(nn.Module):
         x = known + (1 - known * known) * (llr / 2).tanh()
         own = mixture.mixed(x) * amplitude
         signal = own + self._spilled(own.reshape(-1, 1, *near.grid))  # (T, B) -> (T, 1, rows, cols)
-        return Estimates(llr, x, amplitude, own, signal, shared, background.noise, background.drift)
+        return Estimates(llr, x, amplitude, own, signal, shared, *background)
 
     def _explain(
         self, target: Tensor, shared: Tensor, picture: ReferenceBlocks, background: Background
@@ -463,8 +461,8 @@ class FilmDecoder(nn.Module):
             background: how the picture of each block moves, and how noisy it is.
         """
         patterns = find_patterns(left.clamp(-CLIP, CLIP))
-        V = patterns.V.unsqueeze(2).expand(-1, -1, left.shape[1])  # (T, K) -> (T, K, B)
-        energy = patterns.energy(energy, mixture.shares, background.unwhiten(V), mixture.sums)
+        strengths = background.unwhiten(patterns.V.unsqueeze(2))  # (T, K, 1) -> (T, K, B)
+        energy = patterns.energy(energy, mixture.shares, strengths, mixture.sums)
         weighed = torch.stack([patterns.weigh(shown), patterns.weigh(expected)], 1)
         shown, expected = background.unwhiten(weighed).unbind(1)
         matched = mixture.sums(mixture.shares * shown.unsqueeze(1))
@@ -560,6 +558,8 @@ class Estimates(NamedTuple):
     noise: Tensor
     """(T, B) as `models.film.background.Background` has it."""
     drift: Tensor
+    """(T, B) as `models.film.background.Background` has it."""
+    before: Tensor
     """(T, B) as `models.film.background.Background` has it."""
 
 

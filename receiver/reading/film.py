@@ -35,9 +35,10 @@ MOST_PAIRS = 64
 camera that misses frames would let it grow without end."""
 FINE_BLOCKS = 8000
 """Number of blocks from which a grid counts as fine."""
-STRIDE_S = 0.2
+STRIDE_S, LATER_STRIDE_S, HURRIED = 0.2, 0.3, 3
 """Seconds of film from one window to the next, or for which the frame pairs of a window were shown
-at least: on slow displays each frame pair is scored as soon as it is over."""
+at least: on slow displays each frame pair is scored as soon as it is over. The first holds for
+so many windows, in which a short message is complete; later ones say as much in fewer windows."""
 MISSED, FRESH_FRAMES = 1.5, 12
 """A camera that does not wait gives no frames while a window is scored. Frames count as missed if
 there are more than `MISSED` nominal frames for each new one since the last window. The next window
@@ -72,11 +73,13 @@ class FilmReader:
         self._scored: deque[ReadPair] = deque()
         self._next: int | None = None
         self._picture, self._motions = MovingPicture(), dict[float, Map]()
+        self._scored_windows = 0
 
     def begin_anew(self) -> None:
         """Leave out all frames so far: what comes shows another place or another picture."""
         self.read_until, self._scored_at = self._seen.newest, -np.inf
         self._picture, self._motions = MovingPicture(), {}
+        self._scored_windows = 0
 
     def start_run(self) -> None:
         """Begin to count frame pairs anew."""
@@ -126,7 +129,8 @@ class FilmReader:
         since = frames[-1].time - self._scored_at
         fresh = sum(frame.time > self._scored_at for frame in frames)
         missed = np.isfinite(since) and since * self._fps > MISSED * fresh
-        return max(since, waiting_s) >= STRIDE_S and (fresh >= FRESH_FRAMES or not missed)
+        stride = STRIDE_S if self._scored_windows < HURRIED else LATER_STRIDE_S
+        return max(since, waiting_s) >= stride and (fresh >= FRESH_FRAMES or not missed)
 
     def _score(self, clock: DisplayClock, numbers: Sequence[int]) -> None:
         """Score frame pairs by the window that ends with the last of them that fits into it.
@@ -162,6 +166,7 @@ class FilmReader:
         old = sum(frame.time <= self._scored_at for frame in frames[begin:end])
         self._correct(frames[begin:end], window, scores, max(0, old - 1, end - begin - LEARNT))
         self._scored_at = now
+        self._scored_windows += 1
         told = [f.time for f in frames if clock.number(f.time + clock.latest) < 2 * self._next]
         self._told_until = max([self._told_until, *told])
         if end > self._window:

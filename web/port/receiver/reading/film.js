@@ -18,8 +18,10 @@ import { CornerShift } from "../tracking/corners.js";
 /** @typedef {import("../../link/observation.js").Mixture} Mixture */
 /** @typedef {import("../sight.js").StageTimes} StageTimes */
 
-export const { WINDOW, LEAST_FRAMES, FINE_BLOCKS, STRIDE_S } = receiverReadingFilm;
-const { FINE_WINDOW, MISSED, FRESH_FRAMES, LEARNT, MOST_PAIRS, MOST_WAITING } = receiverReadingFilm;
+const {
+  WINDOW, FINE_WINDOW, FINE_BLOCKS, LEAST_FRAMES, STRIDE_S, LATER_STRIDE_S, HURRIED, MISSED,
+  FRESH_FRAMES, LEARNT, MOST_PAIRS, MOST_WAITING,
+} = receiverReadingFilm;
 const { MESH, MOST_WHOLE } = receiverSeen;
 const { SHRINK } = modelsFilmWindow;
 const MESH_POINTS = Array.from(
@@ -63,6 +65,7 @@ export class FilmReader {
   /** @type {FilmFrame[]} */
   #frames = [];
   #scoredAt = -Infinity;
+  #scoredWindows = 0;
   #toldUntil = -Infinity;
   /** @type {ReadPair[]} */
   #scored = [];
@@ -89,6 +92,7 @@ export class FilmReader {
   beginAnew() {
     this.#frames = [];
     this.#scoredAt = -Infinity;
+    this.#scoredWindows = 0;
     this.#corners = new CornerShift(this.#layout);
     this.#picture = new MovingPicture();
   }
@@ -180,7 +184,8 @@ export class FilmReader {
     const since = frames[frames.length - 1].time - this.#scoredAt;
     const fresh = frames.filter(({ time }) => time > this.#scoredAt).length;
     const isMissed = Number.isFinite(since) && since * this.#fps > MISSED * fresh;
-    return Math.max(since, waitingS) >= STRIDE_S && (fresh >= FRESH_FRAMES || !isMissed);
+    const stride = this.#scoredWindows < HURRIED ? STRIDE_S : LATER_STRIDE_S;
+    return Math.max(since, waitingS) >= stride && (fresh >= FRESH_FRAMES || !isMissed);
   }
 
   /**
@@ -231,6 +236,7 @@ export class FilmReader {
     const old = times.filter((time) => time <= this.#scoredAt).length;
     this.#correct(window, mixture, scores, Math.max(0, old - 1, window.length - LEARNT));
     this.#scoredAt = now;
+    this.#scoredWindows++;
     const told = frames.filter(({ time }) => clock.number(time + clock.latest) < 2 * next);
     this.#toldUntil = Math.max(this.#toldUntil, ...told.map(({ time }) => time));
     frames.splice(0, Math.max(0, end - this.#window));
