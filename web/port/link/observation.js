@@ -42,18 +42,19 @@ export function mixtureOfExposures(clock, times, { rows, cols, code }, first, co
   const length = clock.shutter / clock.period;
   const shares = new Float32Array(times.length * SLOTS * blocks);
   const pair = new BigInt64Array(times.length * SLOTS).fill(-1n);
-  const begins = new Float64Array(blocks);
+  const delays = Float64Array.from({ length: blocks }, (_, at) => {
+    const delayX = (clock.delayX * (2 * (at % cols) + 1)) / (2 * cols);
+    return delayX + (clock.delayY * (2 * Math.floor(at / cols) + 1)) / (2 * rows);
+  });
   times.forEach((time, frame) => {
-    for (let at = 0; at < blocks; at++) {
-      const delayX = (clock.delayX * (2 * (at % cols) + 1)) / (2 * cols);
-      const delayY = (clock.delayY * (2 * Math.floor(at / cols) + 1)) / (2 * rows);
-      begins[at] = (time + (delayX + delayY) - clock.start) / clock.period;
-    }
+    const begins = delays.map((delay) => (time + delay - clock.start) / clock.period);
     const earliest = Math.floor(begins.reduce((least, begin) => Math.min(least, begin)) / 2);
+    const end = begins.reduce((most, begin) => Math.max(most, begin)) + length;
     for (let slot = 0; slot < SLOTS; slot++) {
       const number = earliest + slot;
       if (number < first || number >= first + count) continue;
       pair[frame * SLOTS + slot] = BigInt(number - first);
+      if (2 * number >= end) continue;
       const way = code.sign(number) / 2;
       const from = (frame * SLOTS + slot) * blocks;
       for (let at = 0; at < blocks; at++) {
