@@ -6,6 +6,7 @@ Now and then a `FilmReader` hands a window of the last frames to the film decode
 
 from collections import deque
 from collections.abc import Iterator, Sequence
+from itertools import accumulate
 
 import numpy as np
 
@@ -191,10 +192,10 @@ class FilmReader:
         The picture is held still in it: what has only moved since the middle frame is taken off.
         """
         times = np.array([frame.time for frame in frames])
-        moved = np.cumsum([self._motions[time] for time in times], axis=0)  # (T, h, w)
-        moved -= moved[len(moved) // 2].copy()
+        moved = list(accumulate(self._motions[time] for time in times))  # (h, w) each
+        middle = moved[len(moved) // 2]
         return Observation(
-            tuple(frame.shrunk - own for frame, own in zip(frames, moved, strict=True)),
+            tuple(frame.shrunk - (own - middle) for frame, own in zip(frames, moved, strict=True)),
             self._layout,
             mixture_of_exposures(clock, times, self._layout, first, last + 1 - first),
             np.stack([frame.blocks_in_view for frame in frames]),
@@ -210,9 +211,8 @@ class FilmReader:
             return
         with self._timing.stage("correct"):
             changes = changes_of_bits(scores, self._layout)  # (P, rows, cols)
-            mixture = window.mixture
-            shares = mixture.shares * (mixture.pair >= 0)[:, :, None, None]
-            expected = (shares * changes[mixture.pair])[begin:].sum(1)  # (T, S, rows, cols)
+            shares, pair = window.mixture.shares[begin:], window.mixture.pair[begin:]
+            expected = (shares * changes[pair]).sum(1)  # (T, S, rows, cols)
             images = [frame.rectified for frame in frames[begin:]]
             placements[-1].shift.take(images, expected, placements)
 
