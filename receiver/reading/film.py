@@ -26,9 +26,10 @@ WINDOW, FINE_WINDOW = 32, 24
 """Largest number of frames in a window, and in one of a fine grid, which takes longer."""
 LEAST_FRAMES = 8
 """Smallest number of frames in a window: its mean is the reference."""
-LEARNT = 12
-"""Largest number of frames of a window that tell where the corners lie. It bounds the work; frames
-of a window that were not learned from tell little that its newest do not."""
+LEARNT, FINE_LEARNT = 12, 6
+"""Largest number of frames of a window that tell where the corners lie, and of one of a fine grid,
+whose frames tell more and take longer. It bounds the work; frames of a window that were not learned
+from tell little that its newest do not."""
 MOST_WAITING = 36
 """Largest number of frame pairs that are read by one window."""
 MOST_PAIRS = 64
@@ -69,7 +70,8 @@ class FilmReader:
         self.read_until = -np.inf
         """Time of the newest frame that no later window takes, seconds."""
         self._scored_at = self._told_until = -np.inf
-        self._window = FINE_WINDOW if layout.rows * layout.cols > FINE_BLOCKS else WINDOW
+        is_fine = layout.rows * layout.cols > FINE_BLOCKS
+        self._window, self._learnt = (FINE_WINDOW, FINE_LEARNT) if is_fine else (WINDOW, LEARNT)
         self._scored: deque[ReadPair] = deque()
         self._next: int | None = None
         self._picture, self._motions = MovingPicture(), dict[float, Map]()
@@ -161,7 +163,8 @@ class FilmReader:
                 self._scored.append(ReadPair(number, soft, InWindow(window, number - first)))
         self._next = done[-1] + 1
         old = sum(frame.time <= self._scored_at for frame in frames[begin:end])
-        self._correct(frames[begin:end], window, scores, max(0, old - 1, end - begin - LEARNT))
+        learnt_from = max(0, old - 1, end - begin - self._learnt)
+        self._correct(frames[begin:end], window, scores, learnt_from)
         self._scored_at = now
         told = [f.time for f in frames if clock.number(f.time + clock.latest) < 2 * self._next]
         self._told_until = max([self._told_until, *told])

@@ -19,7 +19,8 @@ import { CornerShift } from "../tracking/corners.js";
 /** @typedef {import("../sight.js").StageTimes} StageTimes */
 
 export const { WINDOW, LEAST_FRAMES, FINE_BLOCKS, STRIDE_S } = receiverReadingFilm;
-const { FINE_WINDOW, MISSED, FRESH_FRAMES, LEARNT, MOST_PAIRS, MOST_WAITING } = receiverReadingFilm;
+const { FINE_WINDOW, LEARNT, FINE_LEARNT, MISSED, FRESH_FRAMES } = receiverReadingFilm;
+const { MOST_PAIRS, MOST_WAITING } = receiverReadingFilm;
 const { MESH, MOST_WHOLE } = receiverSeen;
 const { SHRINK } = modelsFilmWindow;
 const MESH_POINTS = Array.from(
@@ -57,6 +58,7 @@ export class FilmReader {
   #fps;
   #timing;
   #window;
+  #learnt;
   #known;
   #corners;
   #picture = new MovingPicture();
@@ -81,7 +83,9 @@ export class FilmReader {
     this.#fps = fps;
     this.#timing = timing;
     this.#known = Float32Array.from(expectedChanges(layout));
-    this.#window = this.#known.length > FINE_BLOCKS ? FINE_WINDOW : WINDOW;
+    const isFine = this.#known.length > FINE_BLOCKS;
+    this.#window = isFine ? FINE_WINDOW : WINDOW;
+    this.#learnt = isFine ? FINE_LEARNT : LEARNT;
     this.#corners = new CornerShift(layout);
   }
 
@@ -229,7 +233,7 @@ export class FilmReader {
     }
     const next = (this.#next = done[done.length - 1] + 1);
     const old = times.filter((time) => time <= this.#scoredAt).length;
-    this.#correct(window, mixture, scores, Math.max(0, old - 1, window.length - LEARNT));
+    this.#correct(window, mixture, scores, Math.max(0, old - 1, window.length - this.#learnt));
     this.#scoredAt = now;
     const told = frames.filter(({ time }) => clock.number(time + clock.latest) < 2 * next);
     this.#toldUntil = Math.max(this.#toldUntil, ...told.map(({ time }) => time));
