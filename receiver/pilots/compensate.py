@@ -141,7 +141,7 @@ def moved_onto(gray: Gray, earlier: Gray, least: float = 0.0) -> Gray:
     motion, points = np.zeros_like(grid), grid[is_apart][:, None]  # (rows, cols, 2), (n, 1, 2)
     moved, is_found = found_again(gray, earlier, points, points)
     motion[is_apart] = np.where(is_found[:, None], (moved - points)[:, 0], 0)
-    x, y = cv2.split(cv2.resize(motion, (width, height)))
+    x, y = np.moveaxis(cv2.resize(motion, (width, height)), 2, 0)
     return np.asarray(
         cv2.remap(
             earlier,
