@@ -29,7 +29,8 @@ class Mixture:
 
     shares: Map
     """(T, S, rows, cols) float32 half differences of the shares that the embedded and the original
-    state of a frame pair have of an exposure, in [-1/2, 1/2]; 0 in slots that no pair fills."""
+    state of a frame pair have of an exposure, in [-1/2, 1/2]; 0 in slots that no pair fills. A film
+    has as many slots as its exposures are long, 2 to `SLOTS`."""
     pair: NDArray[np.int64]
     """(T, S) place among the pairs of the one that fills each slot of a frame; -1 for none."""
     count: int
@@ -145,13 +146,17 @@ def mixture_of_exposures(
     x, y = ((2 * np.arange(n) + 1) / (2 * n) for n in (layout.cols, layout.rows))
     delays = clock.delay_x * x + clock.delay_y * y[:, None]  # (rows, cols)
     begins = (times[:, None, None] + delays - clock.start) / clock.period  # (T, rows, cols)
-    numbers = np.floor(begins.min((1, 2)) / 2)[:, None] + np.arange(SLOTS)  # (T, S)
-    since = begins[:, None] - 2 * numbers[:, :, None, None]  # (T, S, rows, cols)
+    earliest = np.floor(begins.min((1, 2)) / 2).astype(np.int64)
+    longest = (clock.latest - clock.earliest) / (2 * clock.period)
+    slots = min(int(longest) + 2, SLOTS)
+    numbers = earliest[:, None] + np.arange(slots)  # (T, S)
     length = clock.shutter / clock.period
-    shares = (exposure_share(since - 1, length) - exposure_share(since, length)) / 2
-    pair = numbers.astype(np.int64) - first
-    asked = (pair >= 0) & (pair < count)
-    ways = asked * layout.code.signs[numbers.astype(np.int64) % layout.code.period]
-    return Mixture(
-        (shares * ways[:, :, None, None]).astype(np.float32), np.where(asked, pair, -1), count
-    )
+    shares = np.zeros((*numbers.shape, layout.rows, layout.cols), np.float32)
+    asked = (numbers >= first) & (numbers < first + count)
+    reached = 2 * numbers < begins.max((1, 2))[:, None] + length
+    for frame, slot in np.argwhere(asked & reached):
+        number = numbers[frame, slot]
+        since = begins[frame] - 2 * number
+        change = exposure_share(since - 1, length) - exposure_share(since, length)
+        shares[frame, slot] = layout.code.signs[number % layout.code.period] / 2 * change
+    return Mixture(shares, np.where(asked, numbers - first, -1), count)

@@ -37,8 +37,8 @@ MOST_LEFT = 0.5
 """
 NEWEST, MOST_APART = 0.3, 2.0
 """Share of each frame in a `MovingPicture`, and largest number of gray levels by which that may lie
-apart from the frame. The first was chosen by hand; the second is what toggling and noise may
-make."""
+apart from the frame. The first was chosen by hand; the second is what toggling and noise may make,
+and parts that lie no farther apart are not followed, which takes less than half the time."""
 
 
 class Compensator:
@@ -107,7 +107,7 @@ class MovingPicture:
         if before is None:
             self._picture = _rounded(frame)
             return np.zeros_like(frame)
-        moved = moved_onto(_rounded(frame), self._picture).astype(np.float32)
+        moved = moved_onto(_rounded(frame), self._picture, MOST_APART).astype(np.float32)
         change, motion = frame - before, moved - self._picture
         left = _around((change - motion) ** 2)
         explained = (left < MOST_LEFT * _around(change**2)).astype(np.float32)
@@ -125,14 +125,23 @@ def _around(values: Map) -> Map:
     return np.asarray(cv2.blur(values, (AROUND_PX, AROUND_PX)))
 
 
-def moved_onto(gray: Gray, earlier: Gray) -> Gray:
-    """Move the parts of an earlier frame to where they lie in a frame; both are (h, w) uint8."""
+def moved_onto(gray: Gray, earlier: Gray, least: float = 0.0) -> Gray:
+    """Move the parts of an earlier frame to where they lie in a frame; both are (h, w) uint8.
+
+    What differs around a point of the grid by less than ``least`` gray levels, as a root mean
+    square, counts as still.
+    """
     height, width = gray.shape
     grid = _grid(width, height)
-    points = grid.reshape(-1, 1, 2)  # (rows, cols, 2) -> (rows * cols, 1, 2)
+    apart = cv2.subtract(gray, earlier, dtype=cv2.CV_32F)
+    squared = cv2.resize(apart * apart, grid.shape[1::-1], interpolation=cv2.INTER_AREA)
+    is_apart = squared >= least**2  # (rows, cols)
+    if not is_apart.any():
+        return earlier
+    motion, points = np.zeros_like(grid), grid[is_apart][:, None]  # (rows, cols, 2), (n, 1, 2)
     moved, is_found = found_again(gray, earlier, points, points)
-    motion = np.where(is_found[:, None, None], moved - points, 0).reshape(grid.shape)
-    x, y = cv2.split(cv2.resize(motion, (width, height)))
+    motion[is_apart] = np.where(is_found[:, None], (moved - points)[:, 0], 0)
+    x, y = np.moveaxis(cv2.resize(motion, (width, height)), 2, 0)
     return np.asarray(
         cv2.remap(
             earlier,

@@ -6,6 +6,7 @@ Now and then a `FilmReader` hands a window of the last frames to the film decode
 
 from collections import deque
 from collections.abc import Iterator, Sequence
+from itertools import accumulate
 
 import numpy as np
 
@@ -25,9 +26,10 @@ WINDOW, FINE_WINDOW = 32, 24
 """Largest number of frames in a window, and in one of a fine grid, which takes longer."""
 LEAST_FRAMES = 8
 """Smallest number of frames in a window: its mean is the reference."""
-LEARNT = 12
-"""Largest number of frames of a window that tell where the corners lie. It bounds the work; frames
-of a window that were not learned from tell little that its newest do not."""
+LEARNT, FINE_LEARNT = 12, 6
+"""Largest number of frames of a window that tell where the corners lie, and of one of a fine grid,
+whose frames tell more and take longer. It bounds the work; frames of a window that were not learned
+from tell little that its newest do not."""
 MOST_WAITING = 36
 """Largest number of frame pairs that are read by one window."""
 MOST_PAIRS = 64
@@ -69,7 +71,8 @@ class FilmReader:
         self.read_until = -np.inf
         """Time of the newest frame that no later window takes, seconds."""
         self._scored_at = self._told_until = -np.inf
-        self._window = FINE_WINDOW if layout.rows * layout.cols > FINE_BLOCKS else WINDOW
+        is_fine = layout.rows * layout.cols > FINE_BLOCKS
+        self._window, self._learnt = (FINE_WINDOW, FINE_LEARNT) if is_fine else (WINDOW, LEARNT)
         self._scored: deque[ReadPair] = deque()
         self._next: int | None = None
         self._picture, self._motions = MovingPicture(), dict[float, Map]()
@@ -164,7 +167,8 @@ class FilmReader:
                 self._scored.append(ReadPair(number, soft, InWindow(window, number - first)))
         self._next = done[-1] + 1
         old = sum(frame.time <= self._scored_at for frame in frames[begin:end])
-        self._correct(frames[begin:end], window, scores, max(0, old - 1, end - begin - LEARNT))
+        learnt_from = max(0, old - 1, end - begin - self._learnt)
+        self._correct(frames[begin:end], window, scores, learnt_from)
         self._scored_at = now
         self._scored_windows += 1
         told = [f.time for f in frames if clock.number(f.time + clock.latest) < 2 * self._next]
@@ -196,10 +200,10 @@ class FilmReader:
         The picture is held still in it: what has only moved since the middle frame is taken off.
         """
         times = np.array([frame.time for frame in frames])
-        moved = np.cumsum([self._motions[time] for time in times], axis=0)  # (T, h, w)
-        moved -= moved[len(moved) // 2].copy()
+        moved = list(accumulate(self._motions[time] for time in times))  # (h, w) each
+        middle = moved[len(moved) // 2]
         return Observation(
-            tuple(frame.shrunk - own for frame, own in zip(frames, moved, strict=True)),
+            tuple(frame.shrunk - (own - middle) for frame, own in zip(frames, moved, strict=True)),
             self._layout,
             mixture_of_exposures(clock, times, self._layout, first, last + 1 - first),
             np.stack([frame.blocks_in_view for frame in frames]),
@@ -215,9 +219,8 @@ class FilmReader:
             return
         with self._timing.stage("correct"):
             changes = changes_of_bits(scores, self._layout)  # (P, rows, cols)
-            mixture = window.mixture
-            shares = mixture.shares * (mixture.pair >= 0)[:, :, None, None]
-            expected = (shares * changes[mixture.pair])[begin:].sum(1)  # (T, S, rows, cols)
+            shares, pair = window.mixture.shares[begin:], window.mixture.pair[begin:]
+            expected = (shares * changes[pair]).sum(1)  # (T, S, rows, cols)
             images = [frame.rectified for frame in frames[begin:]]
             placements[-1].shift.take(images, expected, placements)
 

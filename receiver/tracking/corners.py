@@ -7,7 +7,7 @@ measurement is the change of every pixel, linear in small motions of what should
 Kanade 1981). A picture that moves changes, too; where it does, pixels weigh less.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -15,7 +15,7 @@ import numpy as np
 
 from link.images import as_gray
 from link.layout import Layout
-from link.types import Array, Homography, Image, Map, Real
+from link.types import Array, Gray, Homography, Image, Map, Real
 from receiver.pilots.motion import (
     UNIT_CORNERS,
     GridMaps,
@@ -110,16 +110,14 @@ class CornerShift:
         """Write the normal equations of the eight numbers: (8, 8) and (8,), 0 without evidence."""
         maps, block = self._maps, float(self._maps.block.prod())
         grays = [cv2.resize(as_gray(i), maps.size, interpolation=cv2.INTER_AREA) for i in images]
-        frames = [
-            self._compared(change, self._maps.drawn(own, SPAN))
-            for change, own in zip(
-                _from_neighbours([gray.astype(np.float32) for gray in grays]),
-                _from_neighbours(list(expected)),
-                strict=True,
-            )
-        ]
-        power = sum(_product(weight * own, own) for own, _, weight in frames)
-        amplitude = sum(_product(weight * own, change) for own, change, weight in frames)
+        frames, power, amplitude = [], 0.0, 0.0
+        for change, blocks in zip(_from_neighbours(grays), _from_neighbours(expected), strict=True):
+            own, change = maps.drawn(blocks, SPAN), without_slope(change, maps.block)
+            weight = self._weight(change)
+            weighed = weight * own
+            power += float(np.vdot(weighed, own))
+            amplitude += float(np.vdot(weighed, change))
+            frames.append((own, change, weight))
         amplitude /= max(power, 1e-9)
         # noise is alike over a block, which so counts once
         if amplitude**2 * power < LEAST_TOGGLING**2 * block or power == 0:
@@ -130,22 +128,15 @@ class CornerShift:
         seen, right = equations.normal()
         return seen / block, right / block
 
-    def _compared(self, change: Map, own: Map) -> tuple[Map, Map, Map]:
-        """Give the expected change of a frame, the seen one without slope, and pixels' weights."""
-        maps = self._maps
-        change = without_slope(change, maps.block)
-        variance = cv2.blur(change * change, slope_span(maps.block))
+    def _weight(self, change: Map) -> Map:
+        """Weigh the pixels of a frame by its change, without slope, around them."""
+        variance = cv2.blur(change * change, slope_span(self._maps.block))
         variance += LEAST_VARIANCE * float(variance.mean()) + 1e-6
-        return own, change, np.asarray(1 / variance, np.float32)
+        return np.asarray(1 / variance, np.float32)
 
 
-def _from_neighbours(frames: Sequence[Map]) -> list[Map]:
+def _from_neighbours(frames: Sequence[Gray] | Real) -> Iterator[Map]:
     """Take from each frame but the first the mean of the frames before and after it."""
-    pairs = zip(frames[:-2], frames[2:], strict=True)
-    means = [0.5 * (before + after) for before, after in pairs]
-    return [frame - mean for frame, mean in zip(frames[1:], [*means, frames[-2]], strict=True)]
-
-
-def _product(one: Map, other: Map) -> float:
-    """Sum the products of the pixels of two maps."""
-    return float(np.vdot(one, other))
+    half = np.float32(0.5)  # half a byte takes 32 bits
+    for before, frame, after in zip(frames, frames[1:], [*frames[2:], frames[-2]], strict=False):
+        yield frame - (half * before + half * after)

@@ -1,7 +1,6 @@
 /** The film decoder's graph (models/film/decoder.py). It serves all layouts. */
 
 import * as ort from "onnxruntime-web/wasm";
-import { SLOTS } from "../link/observation.js";
 import { Graph } from "./graph.js";
 
 /** @typedef {import("../link/observation.js").Mixture} Mixture */
@@ -31,14 +30,15 @@ import { Graph } from "./graph.js";
 export class FilmGraph extends Graph {
   /** Load the graph and run it once, for a window in which nothing is seen. */
   async warm() {
-    const [length, side, rows] = [8, 32, 8];
+    const [length, slots, side, rows] = [8, 2, 32, 8];
     await this.decode({
       frames: new Float32Array(length * side * side),
       seen: new Float32Array(length * rows * rows).fill(1),
       known: new Float32Array(rows * rows).fill(1),
       mixture: {
-        shares: new Float32Array(length * SLOTS * rows * rows),
-        pair: BigInt64Array.from({ length: length * SLOTS }, () => -1n),
+        slots,
+        shares: new Float32Array(length * slots * rows * rows),
+        pair: new BigInt64Array(length * slots).fill(-1n),
         count: length / 2,
       },
       size: [length, side, side, rows, rows],
@@ -53,8 +53,7 @@ export class FilmGraph extends Graph {
    */
   async decode({ frames, seen, known, mixture, size }) {
     const [length, height, width, rows, cols] = size;
-    const { shares, pair, count } = mixture;
-    const slots = pair.length / length;
+    const { slots, shares, pair, count } = mixture;
     const pairs = BigInt64Array.from({ length: count }, (_, number) => BigInt(number));
     const inputs = {
       frames: new ort.Tensor("float32", frames, [length, 1, height, width]),

@@ -2,16 +2,17 @@
 
 import { observation } from "../../generated/constants.js";
 
-export const { SLOTS } = observation;
+const { SLOTS } = observation;
 
 /**
  * Which frame pairs each exposure mixes, and in which shares.
  *
  * @typedef {object} Mixture
- * @property {Float32Array} shares - (T, SLOTS, rows, cols) half differences of the shares that the
+ * @property {number} slots - S, as many as exposures are long, 2 to `SLOTS`
+ * @property {Float32Array} shares - (T, S, rows, cols) half differences of the shares that the
  *   embedded and the original state of a frame pair have of an exposure, in [-1/2, 1/2]; 0 in slots
  *   that no pair fills
- * @property {BigInt64Array} pair - (T, SLOTS) place among the pairs of the one that fills each slot of
+ * @property {BigInt64Array} pair - (T, S) place among the pairs of the one that fills each slot of
  *   a frame; -1 for none
  * @property {number} count - of frame pairs
  */
@@ -40,27 +41,30 @@ function exposureShare(begin, length) {
 export function mixtureOfExposures(clock, times, { rows, cols, code }, first, count) {
   const blocks = rows * cols;
   const length = clock.shutter / clock.period;
-  const shares = new Float32Array(times.length * SLOTS * blocks);
-  const pair = new BigInt64Array(times.length * SLOTS).fill(-1n);
-  const begins = new Float64Array(blocks);
+  const longest = (clock.latest - clock.earliest) / (2 * clock.period);
+  const slots = Math.min(Math.floor(longest) + 2, SLOTS);
+  const shares = new Float32Array(times.length * slots * blocks);
+  const pair = new BigInt64Array(times.length * slots).fill(-1n);
+  const delays = Float64Array.from({ length: blocks }, (_, at) => {
+    const delayX = (clock.delayX * (2 * (at % cols) + 1)) / (2 * cols);
+    return delayX + (clock.delayY * (2 * Math.floor(at / cols) + 1)) / (2 * rows);
+  });
   times.forEach((time, frame) => {
-    for (let at = 0; at < blocks; at++) {
-      const delayX = (clock.delayX * (2 * (at % cols) + 1)) / (2 * cols);
-      const delayY = (clock.delayY * (2 * Math.floor(at / cols) + 1)) / (2 * rows);
-      begins[at] = (time + (delayX + delayY) - clock.start) / clock.period;
-    }
+    const begins = delays.map((delay) => (time + delay - clock.start) / clock.period);
     const earliest = Math.floor(begins.reduce((least, begin) => Math.min(least, begin)) / 2);
-    for (let slot = 0; slot < SLOTS; slot++) {
+    const end = begins.reduce((most, begin) => Math.max(most, begin)) + length;
+    for (let slot = 0; slot < slots; slot++) {
       const number = earliest + slot;
       if (number < first || number >= first + count) continue;
-      pair[frame * SLOTS + slot] = BigInt(number - first);
+      pair[frame * slots + slot] = BigInt(number - first);
+      if (2 * number >= end) continue;
       const way = code.sign(number) / 2;
-      const from = (frame * SLOTS + slot) * blocks;
+      const from = (frame * slots + slot) * blocks;
       for (let at = 0; at < blocks; at++) {
         const since = begins[at] - 2 * number;
         shares[from + at] = way * (exposureShare(since - 1, length) - exposureShare(since, length));
       }
     }
   });
-  return { shares, pair, count };
+  return { slots, shares, pair, count };
 }

@@ -7,6 +7,7 @@ import { receiverPilotsCompensate } from "../../../generated/constants.js";
 import { lessMeanAround } from "../../image/blur.js";
 import { bytePlane, floatPlane, planeLike } from "../../image/opencv.js";
 import { roundHalfEven } from "../../image/round.js";
+import { areaMeans } from "../../image/shrink.js";
 import { remapped, warpedFloats } from "../../image/warp.js";
 import { resizedHomography } from "../../link/geometry.js";
 import { inverse } from "../../link/linear.js";
@@ -65,7 +66,7 @@ export class MovingPicture {
     const motion = floatPlane(width, height);
     if (this.#last) {
       const [before, picture] = this.#last;
-      const moved = movedOnto(gray, picture);
+      const moved = movedOnto(gray, picture, MOST_APART);
       const [changed, left, explained] = [0, 1, 2].map(() => floatPlane(width, height));
       data.forEach((level, i) => {
         motion.data[i] = moved.data[i] - picture.data[i];
@@ -103,21 +104,27 @@ function meanAround(plane) {
  *
  * @param {BytePlane} gray
  * @param {BytePlane} earlier
+ * @param {number} [least] - gray levels; what differs around a point of the grid by less, as a root
+ *   mean square, counts as still
  */
-function movedOnto(gray, earlier) {
+function movedOnto(gray, earlier, least = 0) {
   const { width, height } = gray;
   const [cols, rows] = [width, height].map((side) => Math.max(1, roundHalfEven(side / SPACING_PX)));
+  const squared = Float32Array.from(gray.data, (level, i) => (level - earlier.data[i]) ** 2);
+  const apart = areaMeans({ width, height, data: squared }, cols, rows).data;
+  const followed = [...apart.keys()].filter((i) => apart[i] >= least ** 2);
+  if (followed.length === 0) return earlier;
   const HImageFromGrid = resizedHomography(width / cols, height / rows);
   const [scaleX, , left, , scaleY, top] = HImageFromGrid;
-  const points = Float32Array.from({ length: 2 * rows * cols }, (_, i) => {
-    const point = i >> 1;
-    return i % 2 === 0 ? scaleX * (point % cols) + left : scaleY * Math.floor(point / cols) + top;
-  });
+  const points = Float32Array.from(
+    followed.flatMap((i) => [scaleX * (i % cols) + left, scaleY * Math.floor(i / cols) + top]),
+  );
   const { moved, found } = foundAgain(gray, earlier, points);
   const places = [0, 1].map((axis) => {
-    const motion = Float32Array.from(found, (isFound, i) =>
-      isFound ? moved[2 * i + axis] - points[2 * i + axis] : 0,
-    );
+    const motion = new Float32Array(rows * cols);
+    followed.forEach((at, i) => {
+      if (found[i]) motion[at] = moved[2 * i + axis] - points[2 * i + axis];
+    });
     const grid = { width: cols, height: rows, data: motion };
     const { data } = warpedFloats(grid, inverse(HImageFromGrid), width, height);
     return data.map((shift, i) => shift + (axis === 0 ? i % width : Math.floor(i / width)));

@@ -9,7 +9,7 @@ import { modelsFilmWindow, receiverReadingFilm, receiverSeen } from "../../../ge
 import { rowsOf } from "../../image/opencv.js";
 import { areaMeans } from "../../image/shrink.js";
 import { homographyFromCorners, inImage, transform } from "../../link/geometry.js";
-import { SLOTS, mixtureOfExposures } from "../../link/observation.js";
+import { mixtureOfExposures } from "../../link/observation.js";
 import { expectedChanges } from "../../link/pilots.js";
 import { MovingPicture } from "../pilots/compensate.js";
 import { CornerShift } from "../tracking/corners.js";
@@ -20,7 +20,7 @@ import { CornerShift } from "../tracking/corners.js";
 
 const {
   WINDOW, FINE_WINDOW, FINE_BLOCKS, LEAST_FRAMES, STRIDE_S, LATER_STRIDE_S, HURRIED, MISSED,
-  FRESH_FRAMES, LEARNT, MOST_PAIRS, MOST_WAITING,
+  FRESH_FRAMES, LEARNT, FINE_LEARNT, MOST_PAIRS, MOST_WAITING,
 } = receiverReadingFilm;
 const { MESH, MOST_WHOLE } = receiverSeen;
 const { SHRINK } = modelsFilmWindow;
@@ -59,6 +59,7 @@ export class FilmReader {
   #fps;
   #timing;
   #window;
+  #learnt;
   #known;
   #corners;
   #picture = new MovingPicture();
@@ -84,7 +85,9 @@ export class FilmReader {
     this.#fps = fps;
     this.#timing = timing;
     this.#known = Float32Array.from(expectedChanges(layout));
-    this.#window = this.#known.length > FINE_BLOCKS ? FINE_WINDOW : WINDOW;
+    const isFine = this.#known.length > FINE_BLOCKS;
+    this.#window = isFine ? FINE_WINDOW : WINDOW;
+    this.#learnt = isFine ? FINE_LEARNT : LEARNT;
     this.#corners = new CornerShift(layout);
   }
 
@@ -234,7 +237,7 @@ export class FilmReader {
     }
     const next = (this.#next = done[done.length - 1] + 1);
     const old = times.filter((time) => time <= this.#scoredAt).length;
-    this.#correct(window, mixture, scores, Math.max(0, old - 1, window.length - LEARNT));
+    this.#correct(window, mixture, scores, Math.max(0, old - 1, window.length - this.#learnt));
     this.#scoredAt = now;
     this.#scoredWindows++;
     const told = frames.filter(({ time }) => clock.number(time + clock.latest) < 2 * next);
@@ -270,13 +273,14 @@ export class FilmReader {
     if (frames.length < 2) return;
     const start = performance.now();
     const blocks = this.#known.length;
+    const { slots } = mixture;
     const changes = scores.map((score, at) => {
       const known = this.#known[at % blocks];
       return known === 0 ? Math.tanh(Math.min(Math.max(score, -20), 20) / 2) : known;
     });
     const expected = frames.map((_, at) => {
       const sum = new Float32Array(blocks);
-      for (let slot = (begin + at) * SLOTS; slot < (begin + at + 1) * SLOTS; slot++) {
+      for (let slot = (begin + at) * slots; slot < (begin + at + 1) * slots; slot++) {
         const pair = Number(mixture.pair[slot]);
         if (pair < 0) continue;
         for (let i = 0; i < blocks; i++) {
