@@ -17,7 +17,13 @@ from link.types import Array, Image
 from models import REGION_GRAPH
 from receiver.locate.quads import upright
 from receiver.pilots.search.proposals import Proposer
-from receiver.pilots.search.regions import leaving_regions, outline_regions, with_bars
+from receiver.pilots.search.regions import (
+    PICTURE_SHARES,
+    between_bars,
+    leaving_regions,
+    outline_regions,
+    with_bars,
+)
 from receiver.pilots.search.watch import Watch
 
 SIZE = 45, 80
@@ -73,10 +79,11 @@ def test_leaving_displays_are_chosen_as_by_python(port: Port, name: str) -> None
 
 def test_bars_are_taken_for_parts_of_a_display_as_by_python(port: Port) -> None:
     upright_film = np.array([[10.0, 5], [70, 8], [71, 40], [9, 36]])
+    ported = port("receiver/pilots/search/regions.js")
     for film in (upright_film, upright_film[:, ::-1][::-1]):  # and one that is turned
-        same(
-            port("receiver/pilots/search/regions.js").withBars(film.tolist()), with_bars(film), 1e-9
-        )
+        same(ported.withBars(film.tolist()), with_bars(film), 1e-9)
+        for share in PICTURE_SHARES:
+            same(ported.betweenBars(film.tolist(), share), between_bars(film, share), 1e-5)
 
 
 def test_regions_snap_to_edges_as_by_python(port: Port) -> None:

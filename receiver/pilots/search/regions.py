@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from link.geometry import homography_from_corners, transform
 from link.types import Array
 
 REGIONS = 2
@@ -30,6 +31,9 @@ simulation."""
 BAR_SHARE = 0.13
 """Height of a black bar above or below a wide film, as a share of the film's: from 0.09 to 0.2 for
 films of 2.1 to 2.5 times their height in displays of 16:9. The pilots' fit reaches the others."""
+PICTURE_SHARES = (3 / 4, 27 / 32, 9 / 16, 81 / 256)
+"""Widths of pictures of 4:3, 3:2, 1:1 and 9:16 between black bars to their left and right, as shares
+of the width of a display of 16:9."""
 STEPS = (6.0, 3.0, 1.5, 0.75, 0.4)
 """Distances, in cells, by which corners and sides are tried to be moved, one after the other: each
 about half the last one, down to a part of a cell. Chosen by hand."""
@@ -101,9 +105,36 @@ def with_bars(quad: Array) -> Array:
     >>> with_bars(np.array([[0.0, 0], [200, 0], [200, 100], [0, 100]])).tolist()
     [[0.0, -13.0], [200.0, -13.0], [200.0, 113.0], [0.0, 113.0]]
     """
-    lengths = np.linalg.norm(np.roll(quad, -1, axis=0) - quad, axis=1)
-    wide = quad if lengths[::2].sum() >= lengths[1::2].sum() else np.roll(quad, -1, axis=0)
+    wide = _lying(quad)
     return np.asarray(wide + BAR_SHARE * (wide - wide[::-1]))
+
+
+def between_bars(panel: Array, share: float) -> Array:
+    """Take a part in the middle of a panel for the picture, and what is beside it for black bars.
+
+    A picture that is dark along its sides differs little from the bars, where the panel's own
+    outline is clear.
+
+    Args:
+        panel: (4, 2) the outline of a panel, clockwise.
+        share: width of the picture, as a share of the panel's longer side.
+
+    Returns:
+        (4, 2) the picture, of which the first corner is the top left if the panel is upright, or
+        turned to the left.
+
+    >>> between_bars(np.array([[0.0, 0], [160, 0], [160, 90], [0, 90]]), 3 / 4).round().tolist()
+    [[20.0, 0.0], [140.0, 0.0], [140.0, 90.0], [20.0, 90.0]]
+    """
+    left, right = (1 - share) / 2, (1 + share) / 2
+    places = np.array([[left, 0], [right, 0], [right, 1], [left, 1]])
+    return transform(homography_from_corners(_lying(panel), 1, 1), places - 0.5)
+
+
+def _lying(quad: Array) -> Array:
+    """Roll the corners of a (4, 2) quadrilateral until its longer sides are above and below."""
+    lengths = np.linalg.norm(np.roll(quad, -1, axis=0) - quad, axis=1)
+    return quad if lengths[::2].sum() >= lengths[1::2].sum() else np.roll(quad, -1, axis=0)
 
 
 def _sums(log_odds: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -21,7 +21,7 @@ from receiver.pilots.search.proposals import (
     Proposer,
     weigh,
 )
-from receiver.pilots.search.regions import with_bars
+from receiver.pilots.search.regions import PICTURE_SHARES, between_bars, with_bars
 from receiver.pilots.search.settle import HINT, Detection, verify
 from receiver.pilots.search.watch import NEXT_FRAME, Watch
 
@@ -35,6 +35,9 @@ LEAVING_AT_ONCE, LEAVING_LATER = 2, 12
 """Number of quadrilaterals which leave the image that the pilots are fitted to before outlines of
 what toggles, where the display may do so, and while frames are awaited. They bound the work; chosen
 by hand."""
+BARRED = 2
+"""Number of pictures between black bars, those of the likeliest shape, that the pilots are fitted
+to. It bounds the work; chosen by hand."""
 Search = Steps[Detection | None]
 """Steps of the search, which end with the display that is detected, or None."""
 
@@ -55,6 +58,7 @@ class WindowSearch:
         self.watch, self._turns, self._is_alone = watch, turns, is_alone
         self._proposer = Proposer(watch, layouts)
         self._leaving: list[Array] = []  # what may bound a display partly in view, by what toggles
+        self._panels: list[Array] = []  # what may bound a display that has black bars
         self.has_looked = False
         """Whether edges have been weighed coarsely at all."""
         self.is_late = False
@@ -96,6 +100,7 @@ class WindowSearch:
         watch, proposer = self.watch, self._proposer
         edges = yield from proposer.edges()
         watch.surround(edges[:SURROUNDED])
+        self._panels = edges[:1]
         every_turn = [turn + half for turn in self._turns for half in (0, 2)]
         aside = self._fits_partly_seen()
         count, seen = watch.soon, 0
@@ -132,11 +137,14 @@ class WindowSearch:
         What costs least and what is likeliest comes first.
         """
         faint = self._proposer.faint_edges()
-        if found := (yield from self._weigh_coarsely(next(faint))):
+        first = next(faint)
+        if found := (yield from self._weigh_coarsely(first)):
             return found
         regions, self._leaving = yield from self._proposer.regions()
         snapped = (yield from self._proposer.snapped(regions[0])) if regions else []
-        if found := (yield from self._weigh_coarsely([*snapped, *regions])):
+        panels = product(PICTURE_SHARES, [*self._panels, *first[:1]])
+        between = [between_bars(panel, share) for share, panel in panels]
+        if found := (yield from self._weigh_coarsely([*snapped, *regions, *between])):
             return found
         if found := (yield from self._fit(self._leaving[:LEAVING_AT_ONCE], self._turns[:1])):
             return found
@@ -145,7 +153,8 @@ class WindowSearch:
         for quads in faint:
             if found := (yield from self._weigh_coarsely(quads)):
                 return found
-        if found := (yield from self._fit([with_bars(each) for each in regions[:1]], (0,))):
+        barred = [*between[:BARRED], *(with_bars(each) for each in regions[:1])]
+        if found := (yield from self._fit(barred, (0,))):
             return found
         return (yield from self._fit(regions[1:], turns))
 

@@ -5,7 +5,7 @@
  */
 
 import { receiverPilotsSearchRegions } from "../../../../generated/constants.js";
-import { sideLengths } from "../../../link/geometry.js";
+import { homographyFromCorners, sideLengths, transform } from "../../../link/geometry.js";
 import { rolled } from "../../locate/quads.js";
 
 const {
@@ -71,12 +71,36 @@ export function leavingRegions(quads, logOdds, width) {
  *   turned to the left
  */
 export function withBars(quad) {
-  const [top, right, bottom, left] = sideLengths(quad);
-  const wide = top + bottom >= right + left ? quad : rolled(quad, 1);
+  const wide = lying(quad);
   return wide.map(([x, y], at) => {
     const [oppositeX, oppositeY] = wide[3 - at];
     return [x + BAR_SHARE * (x - oppositeX), y + BAR_SHARE * (y - oppositeY)];
   });
+}
+
+/**
+ * Take a part in the middle of a panel for the picture, and what is beside it for black bars.
+ *
+ * @param {Point[]} panel - the outline of a panel, clockwise
+ * @param {number} share - width of the picture, as a share of the panel's longer side
+ * @returns {Point[]} the picture, of which the first corner is the top left if the panel is upright, or
+ *   turned to the left
+ */
+export function betweenBars(panel, share) {
+  const [left, right] = [-share / 2, share / 2];
+  return transform(homographyFromCorners(lying(panel), 1, 1), [
+    [left, -0.5], [right, -0.5], [right, 0.5], [left, 0.5],
+  ]);
+}
+
+/**
+ * Roll the corners of a quadrilateral until its longer sides are above and below.
+ *
+ * @param {Point[]} quad
+ */
+function lying(quad) {
+  const [top, right, bottom, left] = sideLengths(quad);
+  return top + bottom >= right + left ? quad : rolled(quad, 1);
 }
 
 /**

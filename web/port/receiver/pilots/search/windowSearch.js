@@ -6,12 +6,14 @@
  * beyond doubt (`settle.js`). That also tells which way up it is and which of several grids it shows.
  */
 
-import { receiverPilotsSearchWindowSearch } from "../../../../generated/constants.js";
+import {
+  receiverPilotsSearchRegions, receiverPilotsSearchWindowSearch,
+} from "../../../../generated/constants.js";
 import { rolled } from "../../locate/quads.js";
 import {
   COARSE_WORK, NEXT_FRAME, PROMISING, Proposer, STRONGEST, weighSteps,
 } from "./proposals.js";
-import { withBars } from "./regions.js";
+import { betweenBars, withBars } from "./regions.js";
 import { HINT, verifySteps } from "./settle.js";
 
 /** @typedef {import("./proposals.js").Proposal} Proposal */
@@ -19,7 +21,8 @@ import { HINT, verifySteps } from "./settle.js";
 /** @typedef {import("./settle.js").Detection} Detection */
 /** @typedef {import("./watch.js").Watch} Watch */
 
-const { SURROUNDED, LEAVING_AT_ONCE, LEAVING_LATER } = receiverPilotsSearchWindowSearch;
+const { PICTURE_SHARES } = receiverPilotsSearchRegions;
+const { SURROUNDED, LEAVING_AT_ONCE, LEAVING_LATER, BARRED } = receiverPilotsSearchWindowSearch;
 /** Units of work of beginning to follow what surrounds quadrilaterals. */
 const SURROUND_WORK = 10;
 
@@ -32,6 +35,8 @@ export class WindowSearch {
   #everyTurn;
   /** What may bound a display partly in view, by what toggles, the likeliest first. @type {Point[][]} */
   #leaving = [];
+  /** What may bound a display that has black bars. @type {Point[][]} */
+  #panels = [];
   /** Whether edges have been weighed coarsely at all. */
   hasLooked = false;
   /** Whether edges have been weighed coarsely in all frames that are watched. */
@@ -105,6 +110,7 @@ export class WindowSearch {
     const proposer = this.#proposer;
     const edges = yield* proposer.edges();
     watch.surround(edges.slice(0, SURROUNDED));
+    this.#panels = edges.slice(0, 1);
     yield SURROUND_WORK;
     const quarter = Math.floor(watch.window / 4);
     const aside = this.#aside();
@@ -151,13 +157,18 @@ export class WindowSearch {
    */
   *#others() {
     const [faint, ...withoutDetails] = this.#proposer.faintEdges();
-    const early = yield* this.#weighCoarsely(yield* faint);
+    const first = yield* faint;
+    const early = yield* this.#weighCoarsely(first);
     if (early !== null) return early;
     const { outlines: regions, leaving } = yield* this.#proposer.regions();
     this.#leaving = leaving;
     const snapped = regions.length > 0 ? yield* this.#proposer.snapped(regions[0]) : [];
+    const panels = [...this.#panels, ...first.slice(0, 1)];
+    const between = PICTURE_SHARES.flatMap((share) =>
+      panels.map((panel) => betweenBars(panel, share)),
+    );
     const bounded =
-      (yield* this.#weighCoarsely([...snapped, ...regions])) ??
+      (yield* this.#weighCoarsely([...snapped, ...regions, ...between])) ??
       (yield* this.#fit(leaving.slice(0, LEAVING_AT_ONCE), this.#turns.slice(0, 1))) ??
       (yield* this.#fit(regions.slice(0, 1), this.#everyTurn));
     if (bounded !== null) return bounded;
@@ -165,8 +176,9 @@ export class WindowSearch {
       const found = yield* this.#weighCoarsely(yield* edges);
       if (found !== null) return found;
     }
+    const barred = [...between.slice(0, BARRED), ...regions.slice(0, 1).map(withBars)];
     return (
-      (yield* this.#fit(regions.slice(0, 1).map(withBars), [0])) ??
+      (yield* this.#fit(barred, [0])) ??
       (yield* this.#fit(regions.slice(1), this.#everyTurn))
     );
   }
