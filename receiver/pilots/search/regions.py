@@ -32,8 +32,8 @@ BAR_SHARE = 0.13
 """Height of a black bar above or below a wide film, as a share of the film's: from 0.09 to 0.2 for
 films of 2.1 to 2.5 times their height in displays of 16:9. The pilots' fit reaches the others."""
 PICTURE_SHARES = (3 / 4, 27 / 32, 9 / 16, 81 / 256)
-"""Widths of pictures of 4:3, 3:2, 1:1 and 9:16 between black bars to their left and right, as shares
-of the width of a display of 16:9."""
+"""Widths of pictures of 4:3, 3:2, 1:1 and 9:16 between black bars to their left and right, as
+shares of the width of a display of 16:9."""
 STEPS = (6.0, 3.0, 1.5, 0.75, 0.4)
 """Distances, in cells, by which corners and sides are tried to be moved, one after the other: each
 about half the last one, down to a part of a cell. Chosen by hand."""
