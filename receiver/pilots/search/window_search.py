@@ -142,8 +142,8 @@ class WindowSearch:
             return found
         regions, self._leaving = yield from self._proposer.regions()
         snapped = (yield from self._proposer.snapped(regions[0])) if regions else []
-        panels = product(PICTURE_SHARES, [*self._panels, *first[:1]])
-        between = [between_bars(panel, share) for share, panel in panels]
+        panels = [*self._panels, *first[:1]]
+        between = [between_bars(panel, share) for share, panel in product(PICTURE_SHARES, panels)]
         if found := (yield from self._weigh_coarsely([*snapped, *regions, *between])):
             return found
         if found := (yield from self._fit(self._leaving[:LEAVING_AT_ONCE], self._turns[:1])):
