@@ -18,7 +18,7 @@ from link.cli import check_flags, run_cli
 from link.errors import InputError
 from link.files.lock import locked
 from models import DECODERS, OF_PAIRS
-from reports.ablation.switches import ablation_methods
+from reports.ablation.switches import ROWS, row_method
 from reports.benchmark import run_benchmark
 from reports.captured.door import open_recordings
 from reports.engine.backends import make_backend
@@ -70,7 +70,7 @@ def main() -> None:
     films = films or config.benchmark or bool(config.films)
     if config.methods == OF_PAIRS and films and not config.ablation:
         config = replace(config, methods=tuple(DECODERS))
-    rows = ablation_methods(config.run) if config.ablation else []
+    rows = [row_method(row, config.run) for row in (*ROWS, "learned")] if config.ablation else []
     methods = apply_protocol(config.protocol, rows or methods_for(config.methods, config.run))
     bench = Bench(methods, RunFolder(config.out), backend, config.html)
     with locked(config.out):

@@ -1,6 +1,6 @@
 """Training episodes: simulated, rectified frame pairs as tensors."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,6 +17,7 @@ from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.processes import reusable_processes
 from link.embed import check_kappa
 from link.errors import ParameterError, each_once
+from link.types import Image
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,14 @@ class EpisodeSet:
     """(N, 3, H, W) uint8 embedded frames, encoded RGB."""
     bits: Tensor
     """(N, n_bits) int64 message bits, 0 or 1."""
+
+    @classmethod
+    def stacked(cls, pairs: Iterable[tuple[Image, Image, NDArray[np.intp]]]) -> "EpisodeSet":
+        """Stack frame pairs: (H, W, 3) original and embedded frames, and (n_bits,) bits."""
+        original, embedded, bits = (
+            torch.from_numpy(np.stack(part)) for part in zip(*pairs, strict=True)
+        )
+        return cls(original.permute(0, 3, 1, 2), embedded.permute(0, 3, 1, 2), bits)
 
 
 BATCH = 8
@@ -103,11 +112,7 @@ def simulate_episodes(
         sources.append(replace(source, parameters=(*drawn.items(), *source.parameters)))
     in_parallel = map if jobs == 1 else reusable_processes(jobs).map
     results = in_parallel(_rectified, sources, cells, order.tolist())
-    done = list(tqdm(results, total=len(cells), desc="simulate", unit="pair"))
-    original, embedded, bits = (
-        torch.from_numpy(np.stack(part)) for part in zip(*done, strict=True)
-    )
-    return EpisodeSet(original.permute(0, 3, 1, 2), embedded.permute(0, 3, 1, 2), bits)
+    return EpisodeSet.stacked(tqdm(results, total=len(cells), desc="simulate", unit="pair"))
 
 
 @torch.no_grad()
@@ -138,9 +143,7 @@ def augmented_features(
     return first, second
 
 
-def _rectified(
-    source: Source, cell: Cell, index: int
-) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.intp]]:
+def _rectified(source: Source, cell: Cell, index: int) -> tuple[Image, Image, NDArray[np.intp]]:
     """Simulate one frame pair; give its rectified frames and its message."""
     cv2.setNumThreads(1)
     pair = FramePair(source, cell, index)

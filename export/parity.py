@@ -18,6 +18,7 @@ from tqdm import tqdm
 from export.film_graph import FilmGraph
 from export.region_graph import RegionGraph
 from export.runtime import Decoder
+from link.captures import KnownWindow
 from link.cli import check_flags, run_cli
 from link.clock import DisplayClock
 from link.embed import block_changes, embed
@@ -124,7 +125,7 @@ def compare_films(module: FilmDecoder, graph: FilmGraph) -> Parity:
         for index in range(FILM_WINDOWS):
             rows, cols = FILM_GRIDS[index % len(FILM_GRIDS)]
             layout = make_layout(rows, cols, modulation="antipodal", pilots="auto")
-            window = synthetic_window(layout, rng, frames=8 + 3 * index).observation
+            window = synthetic_window(layout, rng, frames=8 + 3 * index)[0].observation
             yield decode_film_with(module, window).scores, graph.decode(window).scores
 
     return _compared(both(), FILM_TOLERANCE, clear=FILM_TOLERANCE)
@@ -174,25 +175,13 @@ def _compared(both: Iterator[Both], tolerance: float, clear: float) -> Parity:
     )
 
 
-@dataclass(frozen=True)
-class SyntheticWindow:
-    """A window of film, and the truth about it."""
-
-    observation: Observation
-    """T frames of the display."""
-    bits: NDArray[np.intp]
-    """(P, n_bits) bits that it shows."""
-    clock: DisplayClock
-    """Clock of the display."""
-
-
 def synthetic_window(
     layout: Layout,
     rng: np.random.Generator,
     frames: int = 24,
     noise: float = 40.0,
     shutter_s: float = 0.01,
-) -> SyntheticWindow:
+) -> tuple[KnownWindow, DisplayClock]:
     """Make a window of film: a picture that stands still, a clock, mixed exposures, and noise.
 
     Args:
@@ -201,6 +190,9 @@ def synthetic_window(
         frames: number of frames.
         noise: standard deviation of a shrunk pixel, gray levels.
         shutter_s: time for which each place is exposed, seconds.
+
+    Returns:
+        the window with its bits, and the clock of the display.
     """
     height, width = layout.height // SHRINK, layout.width // SHRINK
     coarse = rng.uniform(40, 215, (6, 8)).astype(np.float32)
@@ -225,7 +217,7 @@ def synthetic_window(
     mixture = mixture_of_exposures(clock, times, layout, first, len(bits))
     images = tuple(np.asarray(each, np.float32) for each in shown)
     observation = Observation(images, layout, mixture, times=tuple(times.tolist()))
-    return SyntheticWindow(observation, bits, clock)
+    return KnownWindow(observation, bits), clock
 
 
 def synthetic_pair(

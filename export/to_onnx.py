@@ -278,10 +278,7 @@ def _strip_traces(graph: onnx.GraphProto) -> None:
 
 
 def export(
-    module: PhiDecoder,
-    path: Path,
-    run_name: str,
-    training: Mapping[str, Any] | None = None,
+    module: PhiDecoder, path: Path, run_name: str, training: Mapping[str, Any] | None
 ) -> Parity:
     """Write an .onnx file once its parity with torch is shown.
 

@@ -3,10 +3,9 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from lab.ablation import STUDY as ABLATION
-from lab.study import Results, Study, stored_results
+from lab.study import stored_results
 from reports.engine.conditions import SETTINGS
 from reports.render.tables import Table, TableCell, percent, share_interval, summary_table
 from reports.score.accuracy import read_scores
@@ -30,7 +29,7 @@ def main_table(docs: Path) -> str:
 
 def harder_table(docs: Path) -> str:
     """Show wrong bits beyond the paper's conditions, with their intervals, from the ablation."""
-    entries = stored(ABLATION, docs).content.by_place
+    entries = stored_results(ABLATION, docs / ABLATION.name)["ablation"].content.by_place
     rows: list[list[str | TableCell]] = []
     for name in HARDER:
         shown = [entries[row, name] for row in DECODER_ROWS]
@@ -45,7 +44,7 @@ def harder_table(docs: Path) -> str:
 
 def against_oorc(docs: Path) -> str:
     """Compare `learned` with OORC in the paper's cells, with the command that did it."""
-    results = stored(ABLATION, docs, "paper")
+    results = stored_results(ABLATION, docs / ABLATION.name)["paper"]
     entries = results.content.by_place
     ours, theirs = entries["learned", "paper"], entries["oorc", "paper"]
     paired = ours.against["oorc"]
@@ -55,11 +54,6 @@ def against_oorc(docs: Path) -> str:
         f"(95 % interval {share_interval(paired.ratio_low, paired.ratio_high or 0.0, 1)}), and "
         f"`learned` is behind in {ours.cells_behind} of 36 cells (`{results.meta['command']}`)."
     )
-
-
-def stored(study: Study[Any, Any], docs: Path, label: str = "") -> Results[Any]:
-    """Read the results of a study that docs/ holds, of the label if it has several."""
-    return stored_results(study, docs / study.name)[label or study.name]
 
 
 @dataclass(frozen=True)

@@ -286,10 +286,8 @@ def transform(H: NDArray[np.float64], points: ArrayLike) -> NDArray[np.float64]:
     Returns:
         (N, 2) float64.
     """
-    homogeneous = np.column_stack(
-        [np.asarray(points, np.float64), np.ones(len(np.asarray(points)))]
-    )
-    mapped = homogeneous @ H.T
+    points = np.asarray(points, np.float64)
+    mapped = np.column_stack([points, np.ones(len(points))]) @ H.T
     return np.asarray(mapped[:, :2] / mapped[:, 2:])
 
 

@@ -1,6 +1,6 @@
 """The block grid: where bits, pilots and ratex patches lie in the frame, and how bits are shown."""
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -146,18 +146,6 @@ class Layout:
     def corners(self) -> Corners:
         """Outer corners of the frame, (4, 2) pixels, in the order of `link.geometry`."""
         return frame_corners(self.width, self.height)
-
-    def resized(self, width: int, height: int) -> "Layout":
-        """Lay the same grid over a frame of another size.
-
-        Args:
-            width: width of the frame, pixels.
-            height: height of the frame, pixels.
-
-        Raises:
-            InputError: the frame is too small for the grid's blocks, or too large.
-        """
-        return replace(self, width=width, height=height)
 
     def cell_box(self, row: int, col: int) -> tuple[int, int, int, int]:
         """Find the pixels of a block.

@@ -7,7 +7,7 @@ bottom-left corner of the picture, and its rows run upwards. A receiver finds di
 up they are, and so needs to know nothing of it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -116,8 +116,8 @@ class Placement:
         Raises:
             InputError: the picture is too small for the grid's blocks, or too large.
         """
-        width, height = self.picture_size
-        return layout.resized(*((height, width) if self.turns(layout) else (width, height)))
+        width, height = self.picture_size[:: -1 if self.turns(layout) else 1]
+        return replace(layout, width=width, height=height)
 
     def grid_frame(self, picture: NDArray[np.uint8], layout: Layout) -> NDArray[np.uint8]:
         """Resize a picture for the display, and turn it so that it lies as the grid does.

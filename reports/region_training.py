@@ -79,6 +79,8 @@ COUNTS = (8, 12, 23)
 film, since it takes as long as the others together."""
 FILM_PX = (640, 360)
 """Width and height of the films, as the search looks at larger ones."""
+CELLS = FILM_PX[1] // CELL_PX, FILM_PX[0] // CELL_PX
+"""Rows and columns of the map of a film."""
 NOISE_SPREAD, LIGHT_SPREAD, SLOPE_SPREAD = 0.5, 0.2, 0.3
 """Standard deviations by which features are shifted in training, all of a film alike: the
 logarithms of powers, the mean level, and the logarithm of the slope. So films of cameras with more
@@ -127,7 +129,7 @@ class RegionFilm:
         """Film, hold still, and write features and truth."""
         drawn = draw_film(self.split, self.seed, self.number)
         stills, corners = held_still(drawn, max(self.counts) + 1)
-        covered = cover(corners) if drawn.shows_message else np.zeros(cells(), np.float32)
+        covered = cover(corners) if drawn.shows_message else np.zeros(CELLS, np.float32)
         frames = torch.from_numpy(stills).float()[:, None]
         kept: dict[str, NDArray[Any]] = {"covered": covered, "corners": corners}
         for count in self.counts:
@@ -259,14 +261,9 @@ def held_still(drawn: DrawnFilm, count: int) -> tuple[NDArray[np.uint8], Corners
     return stills, transform(first.H_captured_from_display, drawn.picture)
 
 
-def cells() -> tuple[int, int]:
-    """Give the rows and columns of the map of a film."""
-    return FILM_PX[1] // CELL_PX, FILM_PX[0] // CELL_PX
-
-
 def cover(corners: Corners) -> NDArray[np.float32]:
     """Measure the share of each cell that a quadrilateral covers, (rows, cols) float32."""
-    rows, cols = cells()
+    rows, cols = CELLS
     fine, digits = 4, 4  # pixels of a cell along each axis, and binary digits of their parts
     mask = np.zeros((fine * rows, fine * cols), np.uint8)
     points = ((corners + 0.5) * fine / CELL_PX - 0.5) * 2**digits

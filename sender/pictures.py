@@ -132,15 +132,13 @@ def _in_time(video: Path, state_hz: float) -> Iterator[NDArray[np.uint8]]:
     """Give the frame that is shown at the time of each state, for whole frame pairs."""
     reader = VideoReader(video)
     given, shown, begins = 0, None, 0.0
-    for image, time in reader.timed_frames():
+    for image, time in reader.whole_frames():
         if shown is None:
             shown, begins = image, time
         while given < (time - begins) * state_hz - SAME_TIME:
             yield shown
             given += 1
         shown, ends = image, time - begins + 1 / reader.rate
-    if reader.broken_off is not None:
-        raise InputError(reader.broken_off)
     while shown is not None and (given % 2 or given < ends * state_hz - SAME_TIME):
         yield shown
         given += 1

@@ -120,8 +120,8 @@ class Viewpoint:
     """The room around the display, from the farthest layer to the nearest; nothing for an even dark
     of `optics.SURROUNDINGS`, which shares every gain of the display's light."""
 
-    def emitted(self, frame: Image) -> Light:
-        """Return the light that leaves the display for the camera, room light included.
+    def own_light(self, frame: Image) -> Light:
+        """Return the light that leaves the display for the camera, without that of the room.
 
         Args:
             frame: an `Image`, of the layout's size.
@@ -129,12 +129,6 @@ class Viewpoint:
         Returns:
             (height, width, 3) float32, linear; frontal white at the centre is 1.
         """
-        light = self.own_light(frame)
-        light += self.room
-        return light
-
-    def own_light(self, frame: Image) -> Light:
-        """Return what `emitted` does, without the light of the room."""
         return self._emission.light(as_rgb(frame))
 
     @cached_property
@@ -216,7 +210,9 @@ class Shot:
         Returns:
             (H, W, 3) float32 in [0, 1], linear; 1 is saturation.
         """
-        return self.expose_light(self.viewpoint.emitted(frame))
+        light = self.viewpoint.own_light(frame)
+        light += self.viewpoint.room
+        return self.expose_light(light)
 
     def expose_light(self, light: Light) -> Light:
         """Return what the sensor collects of light that leaves the display, before noise.

@@ -76,15 +76,11 @@ class CodecSettings:
         """
         known = ("none", *ENCODERS)
         if self.name not in known:
-            raise _wrong("name", f"need {', '.join(known)}, got {self.name!r:.40}")
+            raise ParameterError("codec.name", f"need {', '.join(known)}, got {self.name!r:.40}")
         if not 50 <= self.kbits <= 500_000:
-            raise _wrong("kbits", f"need 50 to 500000 kbit/s, got {self.kbits:g}")
+            raise ParameterError("codec.kbits", f"need 50 to 500000 kbit/s, got {self.kbits:g}")
         if self.on and av is None:
             raise InputError(f"codec {self.name}: PyAV is missing; pip install -e '.[codec]'")
-
-
-def _wrong(name: str, problem: str) -> ParameterError:
-    return ParameterError(f"codec.{name}", problem)
 
 
 def through_codec(

@@ -302,12 +302,12 @@ class RoomPainter:
         face += (rng.uniform(0, 0.06) * sheen)[None, :, None] * self.white
         self.canvas.paint(face, (left, top, 0), (right - left, 0, 0), (0, bottom - top, 0))
 
-    def stand(self, x: float, top: float, y: float, colour: Light) -> None:
+    def stand(self, top: float, y: float, colour: Light) -> None:
         """Paint a foot between the frame's lower edge and the desk."""
         neck = self.flat(20, 20, 0.7 * colour)
-        self.canvas.paint(neck, (x - 0.08, top, -0.05), (0.16, 0, 0), (0, y - top, 0))
+        self.canvas.paint(neck, (-0.08, top, -0.05), (0.16, 0, 0), (0, y - top, 0))
         base = self.flat(20, 40, 0.8 * colour)
-        self.canvas.paint(base, (x - 0.2, y - 0.01, -0.12), (0.4, 0, 0), (0, 0, 0.24))
+        self.canvas.paint(base, (-0.2, y - 0.01, -0.12), (0.4, 0, 0), (0, 0, 0.24))
 
     def other_display(self, side: float, top: float, view_loss: float) -> None:
         """Paint a second display beside the first, at an angle, with a photograph on it."""

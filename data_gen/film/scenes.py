@@ -389,7 +389,7 @@ def _paint(
         edge = box[2] + thick[2] if side_of > 0 else -(thick[0] - box[0])
         painter.other_display(float(edge + side_of * beside), float(box[1]), float(loss))
     if on_desk:
-        painter.stand(0.0, foot - 0.01, desk_y, colour)
+        painter.stand(foot - 0.01, desk_y, colour)
     painter.frame(box, thick, colour)
     if windowed:
         level = np.full((1, 1, 3), 250 if white_surround else gray, np.uint8)

@@ -41,13 +41,11 @@ class VideoCarrier:
         reader = VideoReader(path)
         frames: list[NDArray[np.uint8]] = []
         times: list[float] = []
-        for image, time in reader.timed_frames():
+        for image, time in reader.whole_frames():
             if len(frames) * width * height * 3 > MAX_FILM_BYTES:
                 raise InputError(f"{path}: the film is too long to simulate; cut it")
             frames.append(fit_picture(image, width, height))
             times.append(time)
-        if reader.broken_off is not None:
-            raise InputError(reader.broken_off)
         self._frames, self._begins = frames, np.array(times) - times[0]
         self._seconds = self._begins[-1] + 1 / reader.rate
 

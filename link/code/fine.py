@@ -28,7 +28,7 @@ from link.code.rateless import (
     RatelessCode,
     make_rateless,
 )
-from link.code.scrambled import scrambled
+from link.code.scrambled import scrambled, shuffled
 from link.code.words import NUMBER_BITS, NUMBERS, WORD, all_words, weigh_words
 from link.errors import ParameterError
 from link.steps import Steps
@@ -185,7 +185,7 @@ class Shape:
         """Share out the bits of frames with a number of message blocks."""
         fitting = [m for m in (2, 3, 6) if (1 + m) * WORD <= HEADER_SHARE * n_bits]
         shown = max([1, *fitting])
-        order = np.argsort(scrambled(np.arange(n_bits), n_bits), kind="stable")
+        order = shuffled(n_bits, n_bits)
         head = (1 + shown) * WORD
         return Shape(n_bits, shown, order[:head], np.sort(order[head:]))
 

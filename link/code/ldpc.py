@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from link.code.scrambled import scrambled
+from link.code.scrambled import shuffled
 
 DEGREES = ((0.4, 8), (0.6, 3))
 """Shares of the information bits, and in how many checks each stands (DVB-S2 at rate 1/2)."""
@@ -93,7 +93,7 @@ def make_code(information: int, parity: int) -> Code:
     )
     degree = np.resize(degree, information)  # rounding may leave one bit too many or too few
     per_check = -(-int(degree.sum()) // parity)
-    order = np.argsort(scrambled(np.arange(parity * per_check), parity), kind="stable")
+    order = shuffled(parity * per_check, parity)
     free = [int(number) % parity for number in order[::-1]]  # the next one is the last
     members: list[list[int]] = [[] for _ in range(parity)]
     checks_of: list[list[int]] = []

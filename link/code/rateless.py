@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from link.code.scrambled import scrambled
+from link.code.scrambled import scrambled, shuffled
 from link.steps import Steps
 from link.types import Floats
 
@@ -250,10 +250,7 @@ def make_rateless(information: int) -> RatelessCode:
     while any(intermediate % factor == 0 for factor in range(2, int(intermediate**0.5) + 1)):
         intermediate += 1
     checks = intermediate - information
-    orders = [
-        np.argsort(scrambled(np.arange(information), information + copy), kind="stable")
-        for copy in range(PRECODE_COPIES)
-    ]
+    orders = [shuffled(information, information + copy) for copy in range(PRECODE_COPIES)]
     length = -(-PRECODE_COPIES * information // checks)
     members = np.full(length * checks, intermediate, np.intp)
     members[: PRECODE_COPIES * information] = np.concatenate(orders)

@@ -27,6 +27,11 @@ def scrambled(numbers: NDArray[np.integer], seed: ArrayLike) -> NDArray[np.uint6
     return _mixed(numbers.astype(np.uint64) + start)
 
 
+def shuffled(count: int, seed: int) -> NDArray[np.intp]:
+    """Order the numbers from 0 to ``count - 1`` by their pseudo-random words."""
+    return np.argsort(scrambled(np.arange(count), seed), kind="stable")
+
+
 def splitmix64(first: int, count: int) -> NDArray[np.uint64]:
     """Give ``count`` successive words of the generator, from number ``first`` on."""
     return _mixed(np.arange(first + 1, first + count + 1, dtype=np.uint64) * np.uint64(_GOLDEN))

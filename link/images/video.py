@@ -177,6 +177,16 @@ class VideoReader:
                 f"{self._stated_s:.1f} s; copy it again, or cut it there"
             )
 
+    def whole_frames(self) -> Iterator[tuple[NDArray[np.uint8], float]]:
+        """Give the frames as `timed_frames` does, of a video that must be whole.
+
+        Raises:
+            InputError: the file holds no frame that can be read, or ends before the time it states.
+        """
+        yield from self.timed_frames()
+        if self.broken_off is not None:
+            raise InputError(self.broken_off)
+
     def check_end(self) -> None:
         """Look at the end of the file alone, which costs little however long it is.
 
@@ -268,11 +278,8 @@ def read_video(path: Path | str) -> Iterator[NDArray[np.uint8]]:
     Raises:
         InputError: no readable video, no frame in it, or it ends before the time it states.
     """
-    reader = VideoReader(path)
-    for image, _ in reader.timed_frames():
+    for image, _ in VideoReader(path).whole_frames():
         yield image
-    if reader.broken_off is not None:
-        raise InputError(reader.broken_off)
 
 
 def write_video(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> None:

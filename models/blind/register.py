@@ -114,17 +114,13 @@ def centred(length: int) -> NDArray[np.float64]:
     return (2 * np.arange(length) + 1) / length - 1
 
 
-def _to_centred(width: int, height: int) -> NDArray[np.float64]:
-    """(3, 3), pixels to coordinates in [-1, 1]."""
-    return np.array([[2 / width, 0, 1 / width - 1], [0, 2 / height, 1 / height - 1], [0, 0, 1.0]])
-
-
 def _warp(
     image: NDArray[np.float32], H: NDArray[np.float64]
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Sample the image at H x, and tell where that lies inside; ``H`` on coordinates in [-1, 1]."""
     height, width = image.shape[:2]
-    to_centred = _to_centred(width, height)
+    x, y = 2 / width, 2 / height
+    to_centred = np.array([[x, 0, x / 2 - 1], [0, y, y / 2 - 1], [0, 0, 1.0]])
     pixels = np.linalg.inv(to_centred) @ H @ to_centred
     flags, size = cv2.WARP_INVERSE_MAP, (width, height)
     warped = cv2.warpPerspective(

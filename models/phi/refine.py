@@ -130,10 +130,8 @@ def cavity_llr(
         natural log-likelihood ratios, positive at the place of the bit that is likelier.
     """
     residual, variance, shared = hypotheses.residual, hypotheses.variance, hypotheses.shared
-    own, cross = (
-        1 - variance * fit.weight,
-        shared * fit.weight,
-    )  # I - A P: diagonal, and less the rest
+    own = 1 - variance * fit.weight  # I - A P: the diagonal,
+    cross = shared * fit.weight  # and less the rest
     other, across = swapped(own), swapped(cross)
     determinant = own * other - cross * across
     moved = other * residual + across * swapped(residual)

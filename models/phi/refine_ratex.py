@@ -158,10 +158,8 @@ class RatexRefiner(Refiner):
         self.is_block = table(is_block.astype(np.float64))
         self.is_one = table((row == "1").astype(np.float64))
         self.is_observed = table(is_observed.astype(np.float64))
-        self.scaled, self.unscaled = (
-            table(scaled),
-            table(np.isin(row, ["s", "d"]).astype(np.float64)),
-        )
+        self.scaled = table(scaled)
+        self.unscaled = table(np.isin(row, ["s", "d"]).astype(np.float64))
         self.kinds = table(scaled[:3])
         self.sums_of_kinds = table(sums.reshape(9, 6))
         self.counts = table(np.array([0.0, 0, 0, tiles, n, kinds.count("r")]))

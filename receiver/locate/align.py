@@ -109,21 +109,21 @@ def _align_phase(
     image = cv2.GaussianBlur(image, (0, 0), max(LEAST_BLUR_PX, BLUR * float(apart.mean())))
     start = c.copy()
     points, basis = _grid(layout, fine, free)
-    first = transform(four_point_homography(frame_corners(width, height), c), points)
+    unit = frame_corners(width, height)
+    first = transform(four_point_homography(unit, c), points)
     seen = in_image(first, image.shape) & np.repeat(used, len(points) // len(used))
     if not seen.all():
         points, basis = points[seen], basis[seen]
     if not len(points):
         return corners
     side = float(np.sqrt(cv2.contourArea(c.astype(np.float32)))) + 1e-9
-    unit = frame_corners(width, height)
     ridge = (RESIDUAL_LEVELS / (max(spread, 1e-6) * side)) ** 2
     known = basis.shape[1]
     prior = np.diag(np.concatenate([np.full(known, LEVEL_RIDGE), np.full(8, ridge)]))
     A = np.concatenate([basis, np.empty((len(points), 8))], axis=1)
     weight = np.ones(len(points))
     for step in range(steps):
-        at, by_corners = points_by_corners(four_point_homography(unit, c), unit, c, points)
+        at, by_corners = points_by_corners(unit, c, points)
         taken, gx, gy = _sample(image, at)
         A[:, known:] = -gx[:, None] * by_corners[:, 0] - gy[:, None] * by_corners[:, 1]
         pull = np.concatenate([np.zeros(known), ridge * (start - c).reshape(-1)])

@@ -4,8 +4,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.types import Homography
-
 UNIT_SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 """Corners of a display whose sides are 1."""
 
@@ -21,15 +19,11 @@ def four_point_homography(
 
 
 def points_by_corners(
-    H: Homography,
-    source: NDArray[np.float64],
-    target: NDArray[np.float64],
-    points: NDArray[np.float64],
+    source: NDArray[np.float64], target: NDArray[np.float64], points: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Map points by a homography, and say how its target corners move them.
+    """Map points by the homography of four corners to four, and say how the latter move them.
 
     Args:
-        H: homography of ``source`` to ``target``.
         source: (4, 2) corners.
         target: (4, 2) corners.
         points: (N, 2) in the frame of ``source``.
@@ -38,7 +32,7 @@ def points_by_corners(
         (N, 2) mapped points, and (N, 2, 8) their derivatives by x and y of the target's corners.
     """
     bump = 1e-2 * float(np.abs(target - target.mean(axis=0)).max())
-    homographies = [H]
+    homographies = [four_point_homography(source, target)]
     for k in range(8):
         other = target.copy()
         other[k // 2, k % 2] += bump

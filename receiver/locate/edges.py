@@ -5,6 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.robust import MAD_TO_SIGMA, geman_mcclure_weights, reweighted, ridge_solution
+from receiver.locate.quads import signed_areas
 
 SAMPLES = 24
 """Number of places along a side where the image is looked at for `side_features`:
@@ -135,8 +136,6 @@ def side_features(small: NDArray[np.uint8], quads: NDArray[np.float64]) -> NDArr
         profiles(value, _grown(quads, scale), np.zeros(1), CONTENT_PLACES).mean(axis=(1, 2, 3)) / 3
         for scale in CONTENT_SCALES
     )
-    x, y = quads[..., 0], quads[..., 1]
-    area = np.abs((x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y).sum(axis=1)) / 2
     return np.column_stack([
         falls.mean(axis=1),
         falls[:, 1],
@@ -144,7 +143,7 @@ def side_features(small: NDArray[np.uint8], quads: NDArray[np.float64]) -> NDArr
         (inside - rim_level) / (inside + rim_level + 10),
         -np.log(uneven / white + 0.02),
         (content - beyond) / (content + beyond + 10),
-        np.sqrt(area / (width * height)),
+        np.sqrt(np.abs(signed_areas(quads)) / (width * height)),
         (beside > unit).mean(axis=(1, 2, 3)),
         goes_on.mean(axis=(1, 2)),
     ])  # fmt: skip
@@ -195,7 +194,6 @@ def _votes(
     """
     count = max(1, round(reach / spacing))
     offsets = np.arange(-count - 1.0, count + 2.0) * spacing
-    offsets = offsets.astype(np.float64)
     taken = profiles(image, quads, offsets, share)
     slope = (taken[..., 2:] - taken[..., :-2]) / np.float32(2 * spacing)
     steps = np.arange(2 * count + 1)

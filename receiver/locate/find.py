@@ -47,9 +47,6 @@ LIKELY = 6
 """Number of candidates whose patches are sought before quadrilaterals are made from patches alone
 (`receiver.locate.spots`): where a display's border shows edges, it is among the first. Chosen by
 hand."""
-SPOT_QUADS, PARTIAL_QUADS = 30, 8
-"""Largest numbers of quadrilaterals that are made from patches alone: of a display that is in view,
-and of one that is partly so. They bound the work of a search that finds nothing; chosen by hand."""
 
 
 @dataclass(frozen=True)
@@ -144,11 +141,11 @@ def search_steps(
         small, scale = small_copy(image)
         gray = as_gray(small)
         spots = yield from spot_steps(gray, layout)
-        quads = on_full_image(whole_quads(spots, layout, gray.shape, SPOT_QUADS), scale)
+        quads = on_full_image(whole_quads(spots, layout, gray.shape), scale)
         yield COMBINE_WORK
         found = yield from best_match(quads[:, None])
         if found is None:
-            bent = on_full_image(partial_quads(spots, layout, gray.shape, PARTIAL_QUADS), scale)
+            bent = on_full_image(partial_quads(spots, layout, gray.shape), scale)
             yield COMBINE_WORK
             found = yield from best_match(map(partial(_sound, image), bent), PARTLY)
     if found is None:

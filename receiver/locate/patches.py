@@ -205,8 +205,7 @@ def corners_from_patches(corners: Corners, found: NDArray[np.float64], layout: L
         """Two Gauss-Newton steps from the unit square."""
         at = UNIT_SQUARE.copy()
         for _ in range(2):
-            H = four_point_homography(UNIT_SQUARE, at)
-            predicted, by_corners = points_by_corners(H, UNIT_SQUARE, at, nominal)
+            predicted, by_corners = points_by_corners(UNIT_SQUARE, at, nominal)
             step = ridge_solution(
                 by_corners.reshape(-1, 8),
                 (moved - predicted).reshape(-1),

@@ -79,6 +79,9 @@ third, between two entries of `PATCH_PX`, and depths, by `DEPTH_POWER`, to about
 LEAST_DEPTH = 0.05
 """Smallest depth of a corner, by the same unit as the depths of the patches; one that lies nearer,
 or behind the camera, makes no quadrilateral. Chosen by hand."""
+WHOLE_QUADS, PARTIAL_QUADS = 30, 8
+"""Largest numbers of quadrilaterals that are made from patches alone: of a display that is in view,
+and of one that is partly so. They bound the work of a search that finds nothing; chosen by hand."""
 SAME_WHOLE_PX, SAME_PARTIAL_PX = 4.0, 6.0
 """Distances, in pixels of the small image, of all corners below which two quadrilaterals count as
 one: of four patches, and of three, which put the corners less exactly. Chosen by hand."""
@@ -140,16 +143,13 @@ def corner_cells(layout: Layout) -> list[int]:
     return [layout.ratex.index(cell) for cell in cells] if set(cells) <= set(layout.ratex) else []
 
 
-def whole_quads(
-    found: list[Matches], layout: Layout, size: tuple[int, int], limit: int
-) -> NDArray[np.float64]:
+def whole_quads(found: list[Matches], layout: Layout, size: tuple[int, int]) -> NDArray[np.float64]:
     """Make quadrilaterals that lie in the image of the patches in the four corners, or of three.
 
     Args:
         found: matches of each patch, from `spot_steps`.
         layout: layout with patches in the four corners.
         size: height and width of the image, pixels.
-        limit: largest number returned.
 
     Returns:
         (N, 4, 2) pixels, top-left of the displayed picture first; the likeliest one first.
@@ -172,14 +172,14 @@ def whole_quads(
         quads.append(points[fits])
         ranks.append(rank[fits] + (0 if missing is None else MISSING))
     points, rank = np.concatenate(quads), np.concatenate(ranks)
-    points = points[distinct(points, rank, limit, SAME_WHOLE_PX)]
+    points = points[distinct(points, rank, WHOLE_QUADS, SAME_WHOLE_PX)]
     centres = patch_centres(layout)[corners]
     whole = [transform(four_point_homography(centres, quad), UNIT_SQUARE) for quad in points]
     return np.array(whole, np.float64).reshape(-1, 4, 2)
 
 
 def partial_quads(
-    found: list[Matches], layout: Layout, size: tuple[int, int], limit: int
+    found: list[Matches], layout: Layout, size: tuple[int, int]
 ) -> NDArray[np.float64]:
     """Make quadrilaterals of three patches, for a display that is partly in view or covered.
 
@@ -190,7 +190,6 @@ def partial_quads(
         found: matches of each patch, from `spot_steps`.
         layout: layout with patches in the four corners.
         size: height and width of the image, pixels.
-        limit: largest number returned.
 
     Returns:
         (N, M, 4, 2) pixels, top-left of the displayed picture first, NaN where a guess puts a
@@ -212,7 +211,7 @@ def partial_quads(
         bent.append(_in_perspective(centres[fits], sizes, shown))
         ranks.append(_supported(rank[fits], found, triple, maps[fits], side[fits], layout, size))
     rank = np.concatenate(ranks)
-    best = distinct(np.concatenate(quads), rank, limit, SAME_PARTIAL_PX)
+    best = distinct(np.concatenate(quads), rank, PARTIAL_QUADS, SAME_PARTIAL_PX)
     return np.asarray(np.concatenate(bent)[best])
 
 

@@ -107,7 +107,7 @@ class Synchroniser:
     def __init__(self, fps: float, toggles: Toggles, code: PilotCode = PLAIN) -> None:
         self.fps = fps
         self.toggles = toggles
-        self._code = code
+        self._code, self._again = code, 2 * code.period
         self.clock: DisplayClock | None = None
         """The clock, or None while it is unknown."""
         self.slips = 0
@@ -200,9 +200,8 @@ class Synchroniser:
         held = self.clock
         if held is None or self._fit is not None:
             return False
-        again = 2 * self._code.period
         apart = _number_seen(found.clock, 0.0) - _number_seen(held, window.middle)
-        near = abs(apart - again * round(apart / again)) <= RIVAL
+        near = abs(apart - self._again * round(apart / self._again)) <= RIVAL
         return near and abs(found.clock.period / held.period - 1) <= CLOCK_ERROR
 
     def _note(self, toggling: Toggling) -> None:
@@ -212,8 +211,7 @@ class Synchroniser:
     def _follow(self, window: ToggleWindow) -> ClockFit:
         """Fit the held clock to the window, from where it has run to."""
         assert self.clock is not None
-        again = 2 * self._code.period
-        number = again * round(self.clock.number(window.middle) / again)
+        number = self._again * round(self.clock.number(window.middle) / self._again)
         start = self.clock.start + number * self.clock.period - window.middle
         return window.follow(replace(self.clock, start=start), rough=self._fit is None)
 
@@ -224,8 +222,7 @@ class Synchroniser:
             self.slips += 1
         else:
             ends = [_number_seen(clock, at) - _number_seen(self.clock, at) for at in (begun, time)]
-            again = 2 * self._code.period
-            shift = again * round(ends[1] / again)
+            shift = self._again * round(ends[1] / self._again)
             clock = replace(clock, start=clock.start + shift * clock.period)
             self.slips += int(max(abs(end - shift) for end in ends) > SAME)
         self.clock = clock

@@ -59,12 +59,3 @@ def row_method(row: str, checkpoint: Path | None) -> Method:
     else:
         return replace(methods_for([row], checkpoint)[0], by_pairs=True)
     return Method("phi", (("config", config),), label=row, by_pairs=True)
-
-
-def ablation_methods(checkpoint: Path | None) -> list[Method]:
-    """List the methods of all rows, and the trained decoder, in the order of the tables.
-
-    Args:
-        checkpoint: folder of the trained decoder; None for the one that ships.
-    """
-    return [row_method(row, checkpoint) for row in (*ROWS, "learned")]

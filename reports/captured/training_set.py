@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from data_gen.episodes import EpisodeSet
 from link.captures import Entry, KnownWindow, read_manifest
@@ -34,14 +33,11 @@ class OwnSet:
 
     def episodes(self) -> EpisodeSet:
         """Stack the frame pairs that are trained on."""
-        pairs = [each for each in self.train if isinstance(each, Captured)]
-        seen = [pair.rectified() for pair in pairs]
-        original, embedded = (
-            torch.from_numpy(np.stack([as_rgb(each.frames[n]) for each in seen]))  # type: ignore[arg-type]
-            for n in (0, 1)
+        pairs = ((e.rectified(), e.bits) for e in self.train if isinstance(e, Captured))
+        return EpisodeSet.stacked(
+            (as_rgb(seen.original), as_rgb(seen.embedded), np.asarray(bits, np.int64))
+            for seen, bits in pairs
         )
-        bits = torch.from_numpy(np.stack([np.asarray(pair.bits, np.int64) for pair in pairs]))
-        return EpisodeSet(original.permute(0, 3, 1, 2), embedded.permute(0, 3, 1, 2), bits)
 
 
 def own_set(captures: Path, *, films: bool, seed: int) -> OwnSet:

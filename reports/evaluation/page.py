@@ -19,7 +19,7 @@ from reports.evaluation import exhibits
 from reports.evaluation.html import render
 from reports.evaluation.settings import OF_SIMULATION
 from reports.evaluation.versus import MAIN
-from reports.render.charts import colour_of, to_svg
+from reports.render.charts import look_of, to_svg
 from reports.render.reliability import SHOWN_BITS, calibration_table, reliability_figure
 from reports.render.tables import (
     FAR,
@@ -88,7 +88,7 @@ def report_page(run: Run) -> str:
     }
     return render(
         "report.html.j2",
-        {method: colour_of(method) for method in (*DECODERS, *run.methods)},
+        {method: look_of(method).colour for method in (*DECODERS, *run.methods)},
         run=run,
         kind=kind,
         sections={name: title for name, title in SECTIONS.items() if content.get(name, True)},

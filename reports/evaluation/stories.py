@@ -27,16 +27,14 @@ from reports.run import STORIES, RunFolder, Story
 STRIP_WIDTH_PX = 384
 """Width of each picture of a story, pixels."""
 MOST = 8
-"""Number of captures of a run that are shown as pictures."""
+"""Number of captures of a run that are shown as pictures, dealt out to all methods, and to each at
+least one."""
 PLACES = {"pair": "{}", "view_deg": "{:g}°", "picture": "{}", "film": "{}", "time_s": "{:.2f} s"}
 """How the values of a capture's `meta` that tell a reader where it is from are written, by key."""
 
 
 def worst_stories(
-    records: pd.DataFrame,
-    load: Callable[[Any], Captured | KnownWindow],
-    folder: Path,
-    most: int = MOST,
+    records: pd.DataFrame, load: Callable[[Any], Captured | KnownWindow], folder: Path
 ) -> list[Story]:
     """Draw the captures with most wrong bits of each method; where no bit is known, the first ones.
 
@@ -44,14 +42,13 @@ def worst_stories(
         records: predictions.
         load: gives what a row of the predictions decoded.
         folder: folder of the run, which gets the pictures.
-        most: number of captures that are drawn, dealt out to all methods, to each at least one.
     """
     records = records.assign(errors=records["known"] - records["correct"])
     shown = records[(records["errors"] > 0) | (records["known"] == 0)]
     groups = shown.sort_values("errors", ascending=False, kind="stable").groupby(
         "method", sort=False
     )
-    chosen = groups.head(max(1, most // max(1, len(groups)))).sort_values("method", kind="stable")
+    chosen = groups.head(max(1, MOST // max(1, len(groups)))).sort_values("method", kind="stable")
     return [
         _story(row, load(row), folder, f"worst{number}")
         for number, (_, row) in enumerate(chosen.iterrows())

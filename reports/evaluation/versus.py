@@ -11,7 +11,7 @@ from link.errors import InputError
 from link.files.lock import locked
 from link.images import write_bytes
 from reports.evaluation.html import render
-from reports.render.charts import colour_of
+from reports.render.charts import look_of
 from reports.render.tables import Table, TableCell, difference_interval, number, percent, tint_of
 from reports.run import Run, RunFolder
 from reports.score.paired import COUNTS, KEYS, Counts, compare, tally
@@ -47,7 +47,7 @@ def compare_runs(folder_a: Path, folder_b: Path) -> tuple[str, Path]:
     table = match_runs(a, b)
     methods = {str(row[0]) for row in table.rows}
     notes = remarks(a, b, methods)
-    colours = {method: colour_of(method) for method in sorted(methods)}
+    colours = {method: look_of(method).colour for method in sorted(methods)}
     text = render(
         "compare.html.j2",
         colours,

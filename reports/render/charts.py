@@ -28,7 +28,7 @@ from matplotlib.transforms import ScaledTranslation
 from numpy.typing import ArrayLike, NDArray
 
 from link.images import write_bytes
-from models import DECODERS
+from models import DECODERS, Card
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -101,28 +101,22 @@ class Series:
     """Text in the legend; the label where it is empty."""
 
 
-def colour_of(label: str) -> str:
-    """Colour of a method, which is the same in every chart and table.
+def look_of(label: str) -> Card:
+    """Colour and marker of a method, which are the same in every chart and table.
 
-    >>> colour_of("oorc")
+    >>> look_of("oorc").colour
     '#1166b0'
 
     Args:
         label: name of a method, or any other text.
 
     Returns:
-        "#rrggbb": the colour of the method's card, or a spare one.
+        the method's card, or one with a spare colour and marker.
     """
-    if label in DECODERS:
-        return DECODERS[label].colour
-    return SPARE_COLOURS[sum(label.encode()) % len(SPARE_COLOURS)]
-
-
-def marker_of(label: str) -> str:
-    """Marker of a method, as matplotlib names it, which is the same in every chart."""
-    if label in DECODERS:
-        return DECODERS[label].marker
-    return SPARE_MARKERS[sum(label.encode()) % len(SPARE_MARKERS)]
+    number = sum(label.encode())
+    colour = SPARE_COLOURS[number % len(SPARE_COLOURS)]
+    spare = Card(label, colour, SPARE_MARKERS[number % len(SPARE_MARKERS)])
+    return DECODERS.get(label, spare)
 
 
 @in_style
@@ -217,23 +211,23 @@ def draw_series(panel: Axes, series: Sequence[Series], legend: str = "beside") -
     """
     low, high = sorted(panel.get_ylim())
     for number, line in enumerate(series):
-        colour = colour_of(line.label)
+        card = look_of(line.label)
         shift = 2.4 * (number - (len(series) - 1) / 2) / 72 if line.intervals else 0.0
         moved = panel.transData + ScaledTranslation(shift, 0, panel.figure.dpi_scale_trans)
-        look: dict[str, Any] = {"color": colour, "clip_on": False, "transform": moved}
+        look: dict[str, Any] = {"color": card.colour, "clip_on": False, "transform": moved}
         heights = np.clip(line.y, low, high)
         panel.plot(line.x, heights, **look)
         for x, height, ends in zip(line.x, heights, line.intervals, strict=False):
             panel.plot([x] * 2, np.clip(ends, low, high), linewidth=1.1, alpha=0.75, **look)
             edge: dict[str, Any] = {"markeredgecolor": PAPER, "markeredgewidth": 0.6}
-            panel.plot([x], [height], marker_of(line.label), **edge, **look)
+            panel.plot([x], [height], card.marker, **edge, **look)
     order = {name: number for number, name in enumerate(DECODERS)}  # others stand before them
     handles = [
         Line2D(
             [],
             [],
-            color=colour_of(line.label),
-            marker=marker_of(line.label) if line.intervals else "",
+            color=look_of(line.label).colour,
+            marker=look_of(line.label).marker if line.intervals else "",
             label=line.name or line.label,
         )
         for line in sorted(series, key=lambda line: order.get(line.label, -1))

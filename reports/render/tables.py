@@ -108,9 +108,7 @@ def tint_of(paired: Paired) -> Tint:
 
 
 def summary_table(
-    scores: pd.DataFrame,
-    title: str = "",
-    against: Mapping[str, Paired | None] | None = None,
+    scores: pd.DataFrame, title: str, against: Mapping[str, Paired | None] | None = None
 ) -> Table:
     """Accuracy of each method over all cells, with its clustered interval, and the paper's if any.
 

@@ -41,7 +41,7 @@ def score(decoder, observation):
 
 
 def window_of(noise, frames=24, seed=0):
-    window = synthetic_window(LAYOUT, np.random.default_rng(seed), frames, noise)
+    window, _ = synthetic_window(LAYOUT, np.random.default_rng(seed), frames, noise)
     return window.observation, window.bits
 
 
@@ -103,7 +103,7 @@ def test_pilots_keep_their_bits_and_unseen_blocks_say_nothing(decoder):
 def test_frames_that_each_mix_two_states_are_read(decoder):
     """A camera whose exposures are as long as a state sees hardly any state alone."""
     rng = np.random.default_rng(1)
-    window = synthetic_window(LAYOUT, rng, 32, noise=4.0, shutter_s=1 / 31)
+    window, _ = synthetic_window(LAYOUT, rng, 32, noise=4.0, shutter_s=1 / 31)
     assert share_right(score(decoder, window.observation), window.bits) >= MIXED_BITS
 
 

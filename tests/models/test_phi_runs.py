@@ -25,7 +25,7 @@ def still(layout: Layout) -> Observation:
 
 
 def window(layout: Layout) -> Observation:
-    return synthetic_window(layout, np.random.default_rng(0), frames=10).observation
+    return synthetic_window(layout, np.random.default_rng(0), frames=10)[0].observation
 
 
 @pytest.mark.parametrize(

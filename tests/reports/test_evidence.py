@@ -29,9 +29,7 @@ def test_the_worst_captures_are_drawn_and_unknown_bits_are_not_counted(tmp_path:
         (lines, ["naive", "naive"], ["5 of 59 bits wrong", "1 of 59 bits wrong"]),
         ([line("oorc", 0, 0, known=False)], ["oorc"], ["decided bits"]),
     ):
-        stories = worst_stories(
-            to_records(made), lambda row: captured[row["index"]], tmp_path, most=2
-        )
+        stories = worst_stories(to_records(made), lambda row: captured[row["index"]], tmp_path)
         assert [story.method for story in stories] == shown
         assert [story.pictures[-1][1] for story in stories] == captions
         assert all((tmp_path / file).is_file() for story in stories for file, _ in story.pictures)

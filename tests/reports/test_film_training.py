@@ -6,7 +6,7 @@ import numpy as np
 
 from data_gen.film.message import Take
 from export.parity import synthetic_window
-from link.captures import KnownWindow, pack_windows
+from link.captures import pack_windows
 from link.images import write_bytes
 from models.film.decoder import FilmDecoder
 from reports.engine.records import to_records
@@ -22,11 +22,10 @@ from reports.films import film_settings
 
 def test_kept_windows_are_what_they_were_and_train_the_decoder(tmp_path: Path) -> None:
     settings = film_settings("robust:30")
-    made = synthetic_window(settings.layout, np.random.default_rng(0), frames=10, noise=8.0)
+    made, _ = synthetic_window(settings.layout, np.random.default_rng(0), frames=10, noise=8.0)
     take = Take(settings, "canon-lg", 0.0, 0, 0)
     recording = Recording(take, 1.0, tmp_path / "window.npz")
-    kept = [KnownWindow(made.observation, made.bits)] * 2
-    write_bytes(recording.file, pack_windows(kept))
+    write_bytes(recording.file, pack_windows([made] * 2))
     windows = load_windows(recording)
     assert [file.name for file in tmp_path.iterdir()] == ["window.npz"]
     assert len(windows) == 2

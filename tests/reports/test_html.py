@@ -24,10 +24,9 @@ from reports.render.charts import (
     accuracy_from_scale,
     accuracy_scale,
     accuracy_ticks,
-    colour_of,
     draw_series,
     in_style,
-    marker_of,
+    look_of,
     new_panels,
     to_svg,
 )
@@ -380,6 +379,6 @@ def test_the_scale_of_accuracies_keeps_order(least: float, a: float, b: float) -
 
 def test_colours_and_markers_tell_neighbours_apart() -> None:
     methods = ("naive", "two_step", "oorc", "hidden_ratex", "blind")
-    assert len({marker_of(method) for method in methods}) == len(methods)
-    assert len({colour_of(method) for method in methods}) == len(methods)
-    assert colour_of("not a method") == colour_of("not a method")
+    assert len({look_of(method).marker for method in methods}) == len(methods)
+    assert len({look_of(method).colour for method in methods}) == len(methods)
+    assert look_of("not a method") == look_of("not a method")

@@ -9,6 +9,7 @@ import sys
 import time
 import zlib
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -386,7 +387,8 @@ def test_a_display_has_its_own_size(
     assert said["layout"] == LAYOUT.to_dict()
     states = folder_states(tmp_path / "sent")
     assert {state.shape for state in states} == {(display[1], display[0], 3)}
-    turned = LAYOUT.resized(*sorted(display[:2], reverse=True))
+    height, width = sorted(display[:2])
+    turned = replace(LAYOUT, width=width, height=height)
     if display[2] != "contain":  # black lies beside no picture
         lying = [np.rot90(state, -1) if display[3] else state for state in states]
         assert [read_bits(pair, turned) for pair in pairs_of(lying)] == SENT.tolist()

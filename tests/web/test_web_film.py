@@ -25,7 +25,7 @@ def film_of(frames=40, seed=2, gap_s=0.0):
     After half of them none come for ``gap_s`` seconds.
     """
     rng = np.random.default_rng(seed)
-    window = synthetic_window(LAYOUT, rng, frames, noise=10.0)
+    window, clock = synthetic_window(LAYOUT, rng, frames, noise=10.0)
     grays, shown = window.observation.frames, []
     for number, (gray, time) in enumerate(zip(grays, window.observation.times, strict=True)):
         image = np.repeat(np.repeat(gray.clip(0, 255).astype(np.uint8), 2, 0), 2, 1)
@@ -35,7 +35,7 @@ def film_of(frames=40, seed=2, gap_s=0.0):
             in_view[:, :3] = False
         late = gap_s if number >= frames // 2 else 0.0
         shown.append(seen_frame(float(time) + late, image, in_view, LAYOUT))
-    return shown, window.clock
+    return shown, clock
 
 
 class Counting(FilmGraph):

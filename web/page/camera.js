@@ -123,20 +123,15 @@ export function cameraControls(track) {
   const set = (setting) => apply(track, { advanced: [setting] });
   /** @type {Control[]} */
   const controls = [];
-  for (const [key, name] of [
-    ["zoom", "Zoom"],
-    ["exposureCompensation", "Exposure"],
-  ]) {
+  for (const [key, name] of Object.entries({ zoom: "Zoom", exposureCompensation: "Exposure" })) {
     const { min, max, step } = able[key] ?? {};
     if (!(max > min)) continue;
     const range = { min, max, step: step || (max - min) / 100, value: now[key] ?? min };
     controls.push({ name, range, set: (value) => set({ [key]: value }) });
   }
   if (able.torch) controls.push({ name: "Torch", set: (on) => set({ torch: Boolean(on) }) });
-  for (const [key, name] of [
-    ["exposureMode", "Lock exposure"],
-    ["focusMode", "Lock focus"],
-  ]) {
+  const locks = { exposureMode: "Lock exposure", focusMode: "Lock focus" };
+  for (const [key, name] of Object.entries(locks)) {
     const modes = able[key] ?? [];
     if (!modes.includes("manual") || !modes.includes("continuous")) continue;
     controls.push({ name, set: (on) => set({ [key]: on ? "manual" : "continuous" }) });

@@ -66,7 +66,9 @@ export async function filmFrames(film, viewer, signal) {
       if (signal.aborted) return; // which closes the decoder
     }
   } catch (error) {
-    throw error instanceof InputError ? error : new InputError(endedAt(count + 1, error));
+    if (error instanceof InputError) throw error;
+    const why = error instanceof Error ? error.message : String(error); // of the browser or mediabunny
+    throw new InputError(`it cannot be read on from frame ${count + 1} (${why.replace(/\.$/, "")})`);
   } finally {
     input.dispose();
   }
@@ -116,17 +118,6 @@ async function firstTimes(track) {
     if (times.push(timestamp) >= PROBED) break;
   }
   return times.sort((a, b) => a - b);
-}
-
-/**
- * Say where a film cannot be read on from.
- *
- * @param {number} number - of the frame, 1 for the first
- * @param {unknown} error - what the browser or mediabunny says
- */
-function endedAt(number, error) {
-  const why = error instanceof Error ? error.message : String(error);
-  return `it cannot be read on from frame ${number} (${why.replace(/\.$/, "")})`;
 }
 
 /** @param {Input} input @returns {Promise<InputVideoTrack>} */

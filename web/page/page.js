@@ -9,7 +9,7 @@ import { filmFrames } from "./films.js";
 import { cameraFrames } from "./frames.js";
 import { Overlay } from "./overlay.js";
 import { Reception } from "./reception.js";
-import { download, keepForOffline, remember, remembered, started } from "./site.js";
+import { download, keepForOffline, remember, remembered, started, takeFiles } from "./site.js";
 import { linkOf, noteOf, sentence } from "./text.js";
 
 /** @import { Viewer } from "./films.js" */
@@ -570,14 +570,7 @@ byId("record").addEventListener("click", async () => {
   download(file, `camera-${new Date().toISOString().replace(/[:.]/g, "-")}.tar`);
   if (!running.signal.aborted) say("Saved", "The file is among your downloads.");
 });
-for (const name of ["dragover", "dragleave", "drop"]) {
-  document.addEventListener(name, (event) => {
-    event.preventDefault();
-    view.classList.toggle("over", name === "dragover");
-    const file = name === "drop" ? /** @type {DragEvent} */ (event).dataTransfer?.files[0] : null;
-    if (file) void readFilm(file);
-  });
-}
+takeFiles(["dragover", "dragleave", "drop"], view, (file) => void readFilm(file));
 
 started();
 document.querySelector("header")?.toggleAttribute("hidden", parent !== window); // within another page

@@ -7,7 +7,9 @@ import { InputError } from "../port/link/errors.js";
 import { failureOf, isOfSite } from "./advice.js";
 import { toBase64 } from "../port/sender/base64.js";
 import { carriedShare, openFilm, openPicture, pixelsOf, sizeOf } from "../port/sender/picture.js";
-import { checkVersion, download, keepForOffline, load, remember, remembered, started } from "./site.js";
+import {
+  checkVersion, download, keepForOffline, load, remember, remembered, started, takeFiles,
+} from "./site.js";
 import { linkOf } from "./text.js";
 import { startWorker } from "./workers.js";
 
@@ -116,15 +118,7 @@ for (const id of ["picture", "camera"]) {
     if (file) void take(opened(file));
   });
 }
-for (const name of ["dragover", "dragleave", "drop", "paste"]) {
-  document.addEventListener(name, (event) => {
-    const given = /** @type {any} */ (event)[name === "paste" ? "clipboardData" : "dataTransfer"];
-    const [file] = given?.files ?? [];
-    if (name !== "paste" || file) event.preventDefault(); // text goes where it is pasted
-    byId("view").classList.toggle("over", name === "dragover");
-    if (file && name !== "dragover") void take(opened(file));
-  });
-}
+takeFiles(["dragover", "dragleave", "drop", "paste"], byId("view"), (file) => void take(opened(file)));
 
 // ---- What it costs
 

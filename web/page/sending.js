@@ -19,9 +19,8 @@ const functions = {
    * @param {Signature} signature - what signs it, or null
    * @param {Picture} picture
    */
-  make(preset, message, signature, picture) {
-    return makeLoop(preset, contentOf(message, signature), picture);
-  },
+  make: (preset, message, signature, picture) =>
+    makeLoop(preset, contentOf(message, signature), picture),
   /**
    * Make a loop over a film.
    *
@@ -30,9 +29,8 @@ const functions = {
    * @param {Signature} signature - what signs it, or null
    * @param {{ size: number[], shown: number[] }} film - as `makeFilmLoop` takes it
    */
-  makeOverFilm(preset, message, signature, film) {
-    return makeFilmLoop(preset, contentOf(message, signature), film);
-  },
+  makeOverFilm: (preset, message, signature, film) =>
+    makeFilmLoop(preset, contentOf(message, signature), film),
 };
 /** @param {Uint8Array} message @param {Signature} signature */
 function contentOf(message, signature) {

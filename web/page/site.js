@@ -1,4 +1,4 @@
-/** Files of the site, and files that it makes. */
+/** Files of the site, files that it makes, and files that it is given. */
 
 /** Why the files of an older build are given up; who sees it needs the newer ones. */
 export const RENEWED = "this page is older than what its server has now";
@@ -73,4 +73,23 @@ export function download(file, name) {
   link.download = name;
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 60e3);
+}
+
+/**
+ * Take the files that a visitor drops on the page, or pastes.
+ *
+ * @param {string[]} names - of the events that are heeded
+ * @param {HTMLElement} view - shows that a file is over the page
+ * @param {(file: File) => void} take
+ */
+export function takeFiles(names, view, take) {
+  for (const name of names) {
+    document.addEventListener(name, (event) => {
+      const given = /** @type {any} */ (event)[name === "paste" ? "clipboardData" : "dataTransfer"];
+      const [file] = given?.files ?? [];
+      if (name !== "paste" || file) event.preventDefault(); // text goes where it is pasted
+      view.classList.toggle("over", name === "dragover");
+      if (file && !name.startsWith("drag")) take(file);
+    });
+  }
 }

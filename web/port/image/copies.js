@@ -42,11 +42,23 @@ export class Copies {
  * @returns {(image: BytePlane) => Result}
  */
 export function keptWithImage(work) {
-  /** @type {WeakMap<Uint8Array, { result: Result }>} */
+  return kept(work, ({ data }) => data);
+}
+
+/**
+ * Make a function that keeps its results as long as a part of what it is given is there.
+ *
+ * @template Given, Result
+ * @param {(given: Given) => Result} work
+ * @param {(given: Given) => object} [part] - the whole of it where absent
+ * @returns {(given: Given) => Result}
+ */
+export function kept(work, part = (given) => /** @type {object} */ (given)) {
+  /** @type {WeakMap<object, { result: Result }>} */
   const known = new WeakMap();
-  return (image) => {
-    const kept = known.get(image.data) ?? { result: work(image) };
-    known.set(image.data, kept);
-    return kept.result;
+  return (given) => {
+    const found = known.get(part(given)) ?? { result: work(given) };
+    known.set(part(given), found);
+    return found.result;
   };
 }

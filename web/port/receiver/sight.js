@@ -4,12 +4,10 @@ import { CLIPPED, CUT } from "./diagnosis.js";
 
 /** Time that the receiver has spent in each of its stages. */
 export class StageTimes {
-  constructor() {
-    /** Seconds spent in each stage, by its name. @type {Record<string, number>} */
-    this.spent = {};
-    /** Number of times that each stage ran, by its name. @type {Record<string, number>} */
-    this.count = {};
-  }
+  /** Seconds spent in each stage, by its name. @type {Record<string, number>} */
+  spent = {};
+  /** Number of times that each stage ran, by its name. @type {Record<string, number>} */
+  count = {};
 
   /**
    * Add the time since a beginning to a stage.
@@ -25,26 +23,24 @@ export class StageTimes {
 
 /** Sums of what the frames show, for the reason why no message came. */
 export class Sight {
-  constructor() {
-    /** Whether the display was found; until then whole frames are measured, then it alone. */
-    this.found = false;
-    /** Number of frames measured. */
-    this.measured = 0;
-    /** Sum of the mean gray levels of what was measured. */
-    this.level = 0;
-    /** Sum of the shares of pixels at the camera's limit. */
-    this.clipped = 0;
-    /** Number of frames with a part of the display outside the image. */
-    this.cut = 0;
-    /** Time of the first frame with the display, seconds. */
-    this.first = 0;
-    /** Time of the last frame with the display, seconds. */
-    this.last = 0;
-    /** States a second by the clock that was known last, or null. @type {number | null} */
-    this.stateHz = null;
-    /** Length of an exposure by that clock, in states. */
-    this.exposed = 0;
-  }
+  /** Whether the display was found; until then whole frames are measured, then it alone. */
+  found = false;
+  /** Number of frames measured. */
+  measured = 0;
+  /** Sum of the mean gray levels of what was measured. */
+  level = 0;
+  /** Sum of the shares of pixels at the camera's limit. */
+  clipped = 0;
+  /** Number of frames with a part of the display outside the image. */
+  cut = 0;
+  /** Time of the first frame with the display, seconds. */
+  first = 0;
+  /** Time of the last frame with the display, seconds. */
+  last = 0;
+  /** States a second by the clock that was known last, or null. @type {number | null} */
+  stateHz = null;
+  /** Length of an exposure by that clock, in states. */
+  exposed = 0;
 
   /**
    * Take a frame in which the display was not found.

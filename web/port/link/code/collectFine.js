@@ -257,13 +257,6 @@ export class FineCollector {
     return numbered;
   }
 
-  /** Learn the terms from the next frames. */
-  #forgetTerms() {
-    this.#terms = null;
-    this.#evidence = noEvidence();
-    this.#support = 0;
-  }
-
   /**
    * Add what a frame says about the terms, or hold it against them once they are known.
    *
@@ -274,7 +267,9 @@ export class FineCollector {
       const support = Math.max(frame.supports(this.#terms), CONTRADICTS);
       this.#support = Math.min(0, this.#support + support);
       if (this.#support > DOUBTFUL) return;
-      this.#forgetTerms();
+      this.#terms = null; // they are learned from the next frames
+      this.#evidence = noEvidence();
+      this.#support = 0;
     }
     frame.pieces.forEach((piece, shown) => {
       const evidence = this.#evidence[piece];

@@ -14,6 +14,7 @@
 import { codeFine } from "../../../generated/constants.js";
 import { sha256 } from "@noble/hashes/sha2.js";
 
+import { picked } from "../pilots.js";
 import { packBits, unpackBits } from "./bits.js";
 import { crc32 } from "./crc.js";
 import { MAX_INFORMATION, MIN_INFORMATION, makeRateless } from "./rateless.js";
@@ -188,7 +189,7 @@ export class ReadFrame {
     const shape = Shape.of(scores.length);
     const white = shape.whitening(number);
     const clear = scores.map((score, at) => (white[at] & 1 ? -score : score));
-    const words = taken(clear, shape.head.subarray(WORD));
+    const words = picked(clear, shape.head.subarray(WORD));
     /** Number of the frame in the loop. */
     this.number = number;
     /** Which words of the terms the frame shows. */
@@ -198,7 +199,7 @@ export class ReadFrame {
      */
     this.likelihoods = this.pieces.map((_, at) => weighWord(words, at * WORD));
     /** (body) log-likelihood ratios of the coded bits. */
-    this.coded = taken(clear, shape.rest);
+    this.coded = picked(clear, shape.rest);
   }
 
   /**
@@ -213,31 +214,15 @@ export class ReadFrame {
 }
 
 /**
- * Take some scores.
- *
- * @param {Float32Array} scores
- * @param {Uint32Array} places
- */
-function taken(scores, places) {
-  const some = new Float32Array(places.length);
-  for (let at = 0; at < places.length; at++) some[at] = scores[places[at]];
-  return some;
-}
-
-/**
  * Weigh all numbers that a frame may have.
  *
  * @param {Float32Array} scores - (nBits) log-likelihood ratios, positive for 1; 0 for an erasure
  * @returns {Float64Array} (4096) log-likelihood over chance
  */
 export function numberLikelihoods(scores) {
-  const shape = Shape.of(scores.length);
-  const clear = new Float32Array(WORD);
-  for (let at = 0; at < WORD; at++) {
-    const score = scores[shape.head[at]];
-    clear[at] = shape.numberWhitening[at] ? -score : score;
-  }
-  return weighWord(clear);
+  const { head, numberWhitening } = Shape.of(scores.length);
+  const shown = picked(scores, head.subarray(0, WORD));
+  return weighWord(shown.map((score, at) => (numberWhitening[at] ? -score : score)));
 }
 
 /**

@@ -42,17 +42,27 @@ export class Code {
    * @returns {Uint8Array} (length) bits, a codeword
    */
   encode(information) {
-    const { starts, members } = this.checks;
     const codeword = new Uint8Array(this.length);
     codeword.set(information);
-    let sum = 0;
-    for (let check = 0; check < this.parity; check++) {
-      for (let edge = starts[check]; edge < starts[check + 1]; edge++) {
-        if (members[edge] < this.information) sum ^= information[members[edge]];
-      }
-      codeword[this.information + check] = sum;
-    }
+    addParity(codeword, this.information, this.checks);
     return codeword;
+  }
+}
+
+/**
+ * Work out the parity bits that follow information bits.
+ *
+ * @param {Uint8Array} bits - of which those of the information are there
+ * @param {number} information - number of information bits
+ * @param {Sums} checks - information bits of each check, among others that count as 0 here
+ */
+export function addParity(bits, information, { starts, members }) {
+  let sum = 0; // that of the check before, which is its parity bit
+  for (let check = 0; check + 1 < starts.length; check++) {
+    for (let edge = starts[check]; edge < starts[check + 1]; edge++) {
+      if (members[edge] < information) sum ^= bits[members[edge]];
+    }
+    bits[information + check] = sum;
   }
 }
 

@@ -7,9 +7,10 @@
  */
 
 import { codeRateless } from "../../../generated/constants.js";
+import { addParity } from "./ldpc.js";
 import { Propagation } from "./propagation.js";
 import { remembered } from "./remembered.js";
-import { scrambled, shuffled } from "./scrambled.js";
+import { range, scrambled, shuffled } from "./scrambled.js";
 
 export const { MIN_INFORMATION, MAX_INFORMATION } = codeRateless;
 const {
@@ -56,14 +57,13 @@ export class RatelessCode {
    */
   encode(information, count) {
     const blocks = information.length / this.information;
-    const numbers = new Uint32Array(count).map((_, at) => at);
-    const { starts, members } = this.sums(numbers);
+    const { starts, members } = this.sums(range(count));
     const coded = new Uint8Array(count * blocks);
     const bits = new Uint8Array(this.intermediate + 1);
     for (let block = 0; block < blocks; block++) {
       const first = block * this.information;
       bits.set(information.subarray(first, first + this.information));
-      this.#addParity(bits);
+      addParity(bits, this.information, this.precode);
       for (let number = 0; number < count; number++) {
         let sum = 0;
         for (let at = starts[number]; at < starts[number + 1]; at++) sum ^= bits[members[at]];
@@ -71,16 +71,6 @@ export class RatelessCode {
       }
     }
     return coded;
-  }
-
-  /** @param {Uint8Array} bits - intermediate bits, of which those of the information are there */
-  #addParity(bits) {
-    const { starts, members } = this.precode;
-    let sum = 0; // that of the check before, which is its parity bit
-    for (let check = 0; check + 1 < starts.length; check++) {
-      for (let at = starts[check]; at < starts[check + 1] - 2; at++) sum ^= bits[members[at]];
-      bits[this.information + check] = sum;
-    }
   }
 
   /**

@@ -8,6 +8,7 @@
  */
 
 import { receiverPilotsSignal, robust } from "../../../generated/constants.js";
+import { kept } from "../../image/copies.js";
 import { arraysOf, call, floatPlane, rowsOf } from "../../image/opencv.js";
 import { complexDot } from "../../link/linear.js";
 import { median } from "../../link/order.js";
@@ -21,30 +22,23 @@ const { CLIPPED, LIMIT } = receiverPilotsSignal;
 /** Differences of phase from left to right and from top to bottom, in radians, that are tried. */
 const PHASE_SLOPES = /** @type {[number, number][]} */ (receiverPilotsSignal.PHASE_SLOPES);
 
-/** What brings all pilots into one phase, if their phases slope. @type {WeakMap<Layout, Wave[]>} */
-const phasesOfLayouts = new WeakMap();
-
 /**
- * Give the pilots' signs, turned back by the phase at their places.
+ * Give the pilots' signs, turned back by the phase at their places, which brings all pilots into one
+ * phase if their phases slope: (pilots,) for each of `PHASE_SLOPES`.
  *
- * @param {Layout} layout - with pilots
- * @returns {Wave[]} (pilots,) for each of `PHASE_SLOPES`
+ * @type {(layout: Layout) => Wave[]}
  */
-function signedPhases(layout) {
-  const known = phasesOfLayouts.get(layout);
-  if (known) return known;
+const signedPhases = kept((layout) => {
   const signs = pilotSigns(layout);
   const centres = pilotCentres(layout);
-  const phases = PHASE_SLOPES.map(([across, down]) => {
+  return PHASE_SLOPES.map(([across, down]) => {
     const turned = (/** @type {(phase: number) => number} */ wave) =>
       signs.map((sign, p) => {
         return sign * wave(across * (centres[p][0] - 0.5) + down * (centres[p][1] - 0.5));
       });
     return { real: turned(Math.cos), imaginary: turned((phase) => -Math.sin(phase)) };
   });
-  phasesOfLayouts.set(layout, phases);
-  return phases;
-}
+});
 
 /**
  * Take the mean of `NEAR` frames before each frame, of as many after it and of itself off what it

@@ -17,6 +17,7 @@ import {
   transform,
 } from "../../link/geometry.js";
 import { multiply3 } from "../../link/linear.js";
+import { UNIT_CORNERS } from "../pilots/motion.js";
 import { Border, Outline } from "../pilots/outline.js";
 
 const {
@@ -26,12 +27,7 @@ const {
 const { OUTSIDE } = receiverLocateRefine;
 
 /** @type {Point[]} */
-const STILL = [
-  [0, 0],
-  [0, 0],
-  [0, 0],
-  [0, 0],
-];
+const STILL = UNIT_CORNERS.map(() => [0, 0]);
 
 /**
  * Follows the display by optical flow to a rectified reference, so that errors do not add up.
