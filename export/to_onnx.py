@@ -278,7 +278,10 @@ def _strip_traces(graph: onnx.GraphProto) -> None:
 
 
 def export(
-    module: PhiDecoder, path: Path, run_name: str, training: Mapping[str, Any] | None
+    module: PhiDecoder,
+    path: Path,
+    run_name: str,
+    training: Mapping[str, Any] | None = None,
 ) -> Parity:
     """Write an .onnx file once its parity with torch is shown.
 
