@@ -30,6 +30,9 @@ class FilmGraph:
         if metadata.get("format") != FILM_FORMAT:
             raise InputError(f"{path}: no film decoder of this version; export it again")
 
+    def prepare(self) -> None:
+        """Do nothing: the graph was loaded when it was opened."""
+
     def decode(self, observation: Observation) -> SoftBits:
         """Score the message blocks of all frame pairs of a window of film.
 

@@ -143,6 +143,9 @@ class Decoder:
                 )
         return layout, features
 
+    def prepare(self) -> None:
+        """Do nothing: the model was loaded when the decoder was made."""
+
     def decode(
         self,
         original: Image,

@@ -29,7 +29,7 @@ def main_table(docs: Path) -> str:
 
 def harder_table(docs: Path) -> str:
     """Show wrong bits beyond the paper's conditions, with their intervals, from the ablation."""
-    entries = stored_results(ABLATION, docs / ABLATION.name)["ablation"].content.by_place
+    entries = stored_results(ABLATION, docs / ABLATION.name)[ABLATION.name].content.by_place
     rows: list[list[str | TableCell]] = []
     for name in HARDER:
         shown = [entries[row, name] for row in DECODER_ROWS]

@@ -116,7 +116,9 @@ class Placement:
         Raises:
             InputError: the picture is too small for the grid's blocks, or too large.
         """
-        width, height = self.picture_size[:: -1 if self.turns(layout) else 1]
+        width, height = self.picture_size
+        if self.turns(layout):
+            width, height = height, width
         return replace(layout, width=width, height=height)
 
     def grid_frame(self, picture: NDArray[np.uint8], layout: Layout) -> NDArray[np.uint8]:

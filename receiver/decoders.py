@@ -22,6 +22,10 @@ class PairDecoder(Protocol):
     layout: Layout
     """Layout of the displays that it reads."""
 
+    def prepare(self) -> None:
+        """Get ready: frames of this layout will soon come."""
+        ...
+
     def decode(self, original: Image, embedded: Image, /) -> SoftBits:
         """Score the message bits of two rectified frames, an `Image` each."""
         ...
@@ -29,6 +33,10 @@ class PairDecoder(Protocol):
 
 class WindowDecoder(Protocol):
     """The methods that a receiver calls of a decoder of windows of film."""
+
+    def prepare(self) -> None:
+        """Get ready: windows will soon come."""
+        ...
 
     def decode(self, observation: Observation) -> SoftBits:
         """Score the message bits of all frame pairs of a window."""

@@ -25,6 +25,9 @@ class BlockMeans:
         self.layout = layout
         self.pairs = 0
 
+    def prepare(self) -> None:
+        """There is nothing to load."""
+
     def decode(self, original: Image, embedded: Image) -> SoftBits:
         self.pairs += 1
         change = embedded.astype(np.float32) - original

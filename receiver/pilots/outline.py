@@ -27,7 +27,8 @@ SUPERSAMPLED, BLUR_PX = 2, 0.8
 over which it is smoothed, so that slopes lead back from a pixel or two away."""
 ROUNDS, SETTLED = 4, 5e-4
 """Largest number of steps for a frame, and size of a step, in halves of the display, after which
-there is no other: a tenth of `receiver.pilots.search.film.APART`, which matters."""
+there is no other: less than a twentieth of `receiver.pilots.search.film.APART`, the least distance
+that counts."""
 LEAST_DEVIATION, OUTLIER = 0.5, 2.0
 """Gray levels that are added to the usual difference of pixels, so that it is never 0, and number
 of usual differences at which a pixel counts half."""

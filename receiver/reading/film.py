@@ -39,8 +39,9 @@ FINE_BLOCKS = 8000
 """Number of blocks from which a grid counts as fine."""
 STRIDE_S, LATER_STRIDE_S, HURRIED = 0.2, 0.3, 3
 """Seconds of film from one window to the next, or for which the frame pairs of a window were shown
-at least: on slow displays each frame pair is scored as soon as it is over. The first holds for
-so many windows, in which a short message is complete; later ones say as much in fewer windows."""
+at least: on slow displays each frame pair is scored as soon as it is over. The first stride
+holds for `HURRIED` windows, in which a short message is complete; the second one for later windows,
+of which fewer then say as much."""
 MISSED, FRESH_FRAMES = 1.5, 12
 """A camera that does not wait gives no frames while a window is scored. Frames count as missed if
 there are more than `MISSED` nominal frames for each new one since the last window. The next window

@@ -12,7 +12,7 @@ import numpy as np
 from link.code.collect import Message, make_collector
 from link.frames import SoftBits
 from models.film.window import reads_films
-from receiver.decoders import PairDecoder, Shipped, WindowDecoder
+from receiver.decoders import PairDecoder, WindowDecoder
 from receiver.reading.film import FilmReader
 from receiver.reading.pairs import PairReader
 from receiver.reading.shown import ReadPair, Shown, States
@@ -82,14 +82,10 @@ class DisplayReader:
         self._source = (
             FilmReader(decoder.layout, films, seen, fps, timing) if films else self._pairs
         )
-        self._will_decode = films or decoder
+        self.prepare = (films or decoder).prepare
+        """Says to what will decode that frames of this layout come soon."""
         self._toggles = make_toggles(self.layout)
         self.restart()
-
-    def prepare(self) -> None:
-        """Have a decoder that ships loaded: frames of this layout will soon come."""
-        if isinstance(self._will_decode, Shipped):
-            self._will_decode.prepare()
 
     def restart(self) -> None:
         """Forget the clock and the frames that wait for it; the collector keeps what it has."""

@@ -145,14 +145,14 @@ class Recordings:
             for layout in dict.fromkeys(sent.layout for sent in shown):
                 reception = watch(film, layout, self.fps)
                 for sent in (each for each in shown if each.layout == layout):
-                    found, seconds = what_fits(reception, sent)
+                    found, seconds = bench_part(reception, sent)
                     notes.append(f"{film.name}: {sent.part}: {seconds:.1f} s of it are read")
                     if found:
                         yield sent, found, {**reception.seen, "state_hz": sent.state_hz}
 
 
-def what_fits(reception: Reception, sent: Sent) -> tuple[list[Known], float]:
-    """Give the observations of a film that show what was sent, with it, and their seconds."""
+def bench_part(reception: Reception, sent: Sent) -> tuple[list[Known], float]:
+    """Give the observations of a film of a bench that show one of its parts, and their seconds."""
     found: list[Known] = []
     seconds = 0.0
     for cut in reception.cuts:
@@ -220,7 +220,10 @@ def truths(film: Path, reception: Reception, sent: Sent) -> tuple[list[Known], l
     """
     matches = [match_loop(cut.scores, sent.bits) for cut in reception.cuts]
     check_film(film, reception.cuts, matches)
-    found, _ = what_fits(reception, sent)
+    found: list[Known] = []
+    for cut, match in zip(reception.cuts, matches, strict=True):
+        if match.kind == "fits":
+            found += cut.known(match.bits, ends=False)
     left = [c.begin_s for c, m in zip(reception.cuts, matches, strict=True) if m.kind != "fits"]
     if not left:
         return found, []

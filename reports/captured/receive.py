@@ -45,6 +45,9 @@ class LearnedPairs:
         self.layout = layout
         self._decoder = make_decoder("learned")
 
+    def prepare(self) -> None:
+        """Do nothing: it is ready."""
+
     def decode(self, original: Image, embedded: Image, /) -> SoftBits:
         """Score the message bits of two rectified frames, an `Image` each."""
         return self._decoder.decode(Observation.still(original, embedded, self.layout))
@@ -134,6 +137,9 @@ class _Keeper:
     def __init__(self, decoder: WindowDecoder, apart: bool) -> None:
         self._decoder, self._apart = decoder, apart
         self.cuts: list[Cut] = []
+
+    def prepare(self) -> None:
+        self._decoder.prepare()
 
     def decode(self, observation: Observation) -> SoftBits:
         soft = self._decoder.decode(observation)

@@ -30,10 +30,10 @@ from receiver.reading.shown import States
 from receiver.reading.states import DisplayState
 from reports.captured.door import (
     Recordings,
+    bench_part,
     check_film,
     open_recordings,
     photographed,
-    what_fits,
 )
 from reports.captured.evidence import film_evidence
 from reports.captured.receive import Cut, Reception, stretches
@@ -308,8 +308,8 @@ def test_a_bench_says_what_each_part_shows(tmp_path: Path, command: Command) -> 
     window = Observation.still(gray, gray, layout)
     scores = read(stronger.bits[:1])
     reception = Reception([Cut(at, at + 1.0, layout, scores, window) for at in (0, 1)])
-    assert what_fits(reception, stronger)[1] == 2.0
-    assert what_fits(reception, hidden)[1] == 0.0
+    assert bench_part(reception, stronger)[1] == 2.0
+    assert bench_part(reception, hidden)[1] == 0.0
 
 
 def test_of_several_films_those_that_are_not_read_are_left_out(

@@ -58,7 +58,6 @@ class WindowSearch:
         self.watch, self._turns, self._is_alone = watch, turns, is_alone
         self._proposer = Proposer(watch, layouts)
         self._leaving: list[Array] = []  # what may bound a display partly in view, by what toggles
-        self._panels: list[Array] = []  # what may bound a display that has black bars
         self.has_looked = False
         """Whether edges have been weighed coarsely at all."""
         self.is_late = False
@@ -100,7 +99,6 @@ class WindowSearch:
         watch, proposer = self.watch, self._proposer
         edges = yield from proposer.edges()
         watch.surround(edges[:SURROUNDED])
-        self._panels = edges[:1]
         every_turn = [turn + half for turn in self._turns for half in (0, 2)]
         aside = self._fits_partly_seen()
         count, seen = watch.soon, 0
@@ -117,10 +115,10 @@ class WindowSearch:
             if found := (yield from self._weigh_coarsely(edges, seen)):
                 return found
             self.has_looked = True
-            if first and (found := (yield from self._weigh_others(every_turn))):
+            if first and (found := (yield from self._weigh_others(edges, every_turn))):
                 return found
         self.is_late = True
-        for trial in chain([self._weigh_others(every_turn)], aside):
+        for trial in chain([self._weigh_others(edges, every_turn)], aside):
             yield 1
             if found := (yield from trial):
                 return found
@@ -131,10 +129,14 @@ class WindowSearch:
         for quad in (self._leaving or self._proposer.partly_seen)[:LEAVING_LATER]:
             yield self._fit([quad], self._turns[:1])
 
-    def _weigh_others(self, turns: Sequence[int]) -> Search:
+    def _weigh_others(self, edges: Sequence[Array], turns: Sequence[int]) -> Search:
         """Weigh faint edges, and fit the pilots after quarter turns to outlines of what toggles.
 
         What costs least and what is likeliest comes first.
+
+        Args:
+            edges: (4, 2) quadrilaterals of edges in the reference, the strongest first.
+            turns: quarter turns after which the pilots are fitted.
         """
         faint = self._proposer.faint_edges()
         first = next(faint)
@@ -142,7 +144,7 @@ class WindowSearch:
             return found
         regions, self._leaving = yield from self._proposer.regions()
         snapped = (yield from self._proposer.snapped(regions[0])) if regions else []
-        panels = [*self._panels, *first[:1]]
+        panels = [*edges[:1], *first[:1]]
         between = [between_bars(panel, share) for share, panel in product(PICTURE_SHARES, panels)]
         if found := (yield from self._weigh_coarsely([*snapped, *regions, *between])):
             return found

@@ -35,8 +35,6 @@ export class WindowSearch {
   #everyTurn;
   /** What may bound a display partly in view, by what toggles, the likeliest first. @type {Point[][]} */
   #leaving = [];
-  /** What may bound a display that has black bars. @type {Point[][]} */
-  #panels = [];
   /** Whether edges have been weighed coarsely at all. */
   hasLooked = false;
   /** Whether edges have been weighed coarsely in all frames that are watched. */
@@ -110,7 +108,6 @@ export class WindowSearch {
     const proposer = this.#proposer;
     const edges = yield* proposer.edges();
     watch.surround(edges.slice(0, SURROUNDED));
-    this.#panels = edges.slice(0, 1);
     yield SURROUND_WORK;
     const quarter = Math.floor(watch.window / 4);
     const aside = this.#aside();
@@ -128,11 +125,11 @@ export class WindowSearch {
       seen = watch.frames.length;
       const weighed = yield* this.#weighCoarsely(edges, seen);
       this.hasLooked = true;
-      const found = weighed ?? (isFirst ? yield* this.#others() : null);
+      const found = weighed ?? (isFirst ? yield* this.#others(edges) : null);
       if (found !== null) return found;
     }
     this.isLate = true;
-    for (const trial of [this.#others(), ...aside]) {
+    for (const trial of [this.#others(edges), ...aside]) {
       const found = yield* trial;
       if (found !== null) return found;
     }
@@ -153,9 +150,10 @@ export class WindowSearch {
    * Weigh faint edges coarsely, and fit the pilots to outlines of what toggles. What costs least and
    * what is likeliest comes first.
    *
+   * @param {Point[][]} edges - quadrilaterals of edges, the strongest first
    * @returns {Steps<Detection | null>}
    */
-  *#others() {
+  *#others(edges) {
     const [faint, ...withoutDetails] = this.#proposer.faintEdges();
     const first = yield* faint;
     const early = yield* this.#weighCoarsely(first);
@@ -163,7 +161,7 @@ export class WindowSearch {
     const { outlines: regions, leaving } = yield* this.#proposer.regions();
     this.#leaving = leaving;
     const snapped = regions.length > 0 ? yield* this.#proposer.snapped(regions[0]) : [];
-    const panels = [...this.#panels, ...first.slice(0, 1)];
+    const panels = [edges, first].flatMap((quads) => quads.slice(0, 1));
     const between = PICTURE_SHARES.flatMap((share) =>
       panels.map((panel) => betweenBars(panel, share)),
     );
