@@ -107,7 +107,9 @@ class MovingPicture:
         if before is None:
             self._picture = _rounded(frame)
             return np.zeros_like(frame)
-        moved = moved_onto(_rounded(frame), self._picture, MOST_APART).astype(np.float32)
+        rounded = _rounded(frame)
+        followed = _points_apart(rounded, self._picture)
+        moved = moved_onto(rounded, self._picture, followed).astype(np.float32)
         change, motion = frame - before, moved - self._picture
         left = _around((change - motion) ** 2)
         explained = (left < MOST_LEFT * _around(change**2)).astype(np.float32)
@@ -125,22 +127,33 @@ def _around(values: Map) -> Map:
     return np.asarray(cv2.blur(values, (AROUND_PX, AROUND_PX)))
 
 
-def moved_onto(gray: Gray, earlier: Gray, least: float = 0.0) -> Gray:
+def _points_apart(gray: Gray, earlier: Gray) -> NDArray[np.bool_]:
+    """Choose the grid's points around which frames differ by `MOST_APART` or more: (rows, cols)."""
+    height, width = gray.shape
+    apart = cv2.subtract(gray, earlier, dtype=cv2.CV_32F)
+    size = _grid(width, height).shape[1::-1]
+    return np.asarray(
+        cv2.resize(apart * apart, size, interpolation=cv2.INTER_AREA) >= MOST_APART**2
+    )
+
+
+def moved_onto(gray: Gray, earlier: Gray, followed: NDArray[np.bool_] | None = None) -> Gray:
     """Move the parts of an earlier frame to where they lie in a frame; both are (h, w) uint8.
 
-    What differs around a point of the grid by less than ``least`` gray levels, as a root mean
-    square, counts as still.
+    Args:
+        gray: the frame.
+        earlier: the earlier one.
+        followed: (rows, cols) the grid's points that are followed, as the others stand still; None
+            to follow all.
     """
     height, width = gray.shape
     grid = _grid(width, height)
-    apart = cv2.subtract(gray, earlier, dtype=cv2.CV_32F)
-    squared = cv2.resize(apart * apart, grid.shape[1::-1], interpolation=cv2.INTER_AREA)
-    is_apart = squared >= least**2  # (rows, cols)
-    if not is_apart.any():
+    followed = np.ones(grid.shape[:2], bool) if followed is None else followed
+    if not followed.any():
         return earlier
-    motion, points = np.zeros_like(grid), grid[is_apart][:, None]  # (rows, cols, 2), (n, 1, 2)
+    motion, points = np.zeros_like(grid), grid[followed][:, None]  # (rows, cols, 2), (n, 1, 2)
     moved, is_found = found_again(gray, earlier, points, points)
-    motion[is_apart] = np.where(is_found[:, None], (moved - points)[:, 0], 0)
+    motion[followed] = np.where(is_found[:, None], (moved - points)[:, 0], 0)
     x, y = np.moveaxis(cv2.resize(motion, (width, height)), 2, 0)
     return np.asarray(
         cv2.remap(

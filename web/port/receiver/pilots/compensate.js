@@ -66,7 +66,7 @@ export class MovingPicture {
     const motion = floatPlane(width, height);
     if (this.#last) {
       const [before, picture] = this.#last;
-      const moved = movedOnto(gray, picture, MOST_APART);
+      const moved = movedOnto(gray, picture, pointsApart(gray, picture));
       const [changed, left, explained] = [0, 1, 2].map(() => floatPlane(width, height));
       data.forEach((level, i) => {
         motion.data[i] = moved.data[i] - picture.data[i];
@@ -100,34 +100,55 @@ function meanAround(plane) {
 }
 
 /**
+ * Count the columns and rows of the grid of points in a frame.
+ *
+ * @param {BytePlane} gray
+ */
+function gridOf({ width, height }) {
+  const count = (/** @type {number} */ side) => Math.max(1, roundHalfEven(side / SPACING_PX));
+  return /** @type {const} */ ([count(width), count(height)]);
+}
+
+/**
+ * Choose the grid's points around which frames differ by `MOST_APART` or more.
+ *
+ * @param {BytePlane} gray
+ * @param {BytePlane} earlier
+ */
+function pointsApart(gray, earlier) {
+  const { width, height } = gray;
+  const squared = Float32Array.from(gray.data, (level, i) => (level - earlier.data[i]) ** 2);
+  const apart = areaMeans({ width, height, data: squared }, ...gridOf(gray)).data;
+  return [...apart.keys()].filter((i) => apart[i] >= MOST_APART ** 2);
+}
+
+/**
  * Move the parts of an earlier frame to where they lie in a frame of the same size.
  *
  * @param {BytePlane} gray
  * @param {BytePlane} earlier
- * @param {number} [least] - gray levels; what differs around a point of the grid by less, as a root
- *   mean square, counts as still
+ * @param {number[] | null} [points] - of the grid, those that are followed, as the others stand still;
+ *   null to follow all
  */
-function movedOnto(gray, earlier, least = 0) {
+function movedOnto(gray, earlier, points = null) {
   const { width, height } = gray;
-  const [cols, rows] = [width, height].map((side) => Math.max(1, roundHalfEven(side / SPACING_PX)));
-  const squared = Float32Array.from(gray.data, (level, i) => (level - earlier.data[i]) ** 2);
-  const apart = areaMeans({ width, height, data: squared }, cols, rows).data;
-  const followed = [...apart.keys()].filter((i) => apart[i] >= least ** 2);
+  const [cols, rows] = gridOf(gray);
+  const followed = points ?? [...Array(rows * cols).keys()];
   if (followed.length === 0) return earlier;
   const HImageFromGrid = resizedHomography(width / cols, height / rows);
   const [scaleX, , left, , scaleY, top] = HImageFromGrid;
-  const points = Float32Array.from(
+  const places = Float32Array.from(
     followed.flatMap((i) => [scaleX * (i % cols) + left, scaleY * Math.floor(i / cols) + top]),
   );
-  const { moved, found } = foundAgain(gray, earlier, points);
-  const places = [0, 1].map((axis) => {
+  const { moved, found } = foundAgain(gray, earlier, places);
+  const shown = [0, 1].map((axis) => {
     const motion = new Float32Array(rows * cols);
     followed.forEach((at, i) => {
-      if (found[i]) motion[at] = moved[2 * i + axis] - points[2 * i + axis];
+      if (found[i]) motion[at] = moved[2 * i + axis] - places[2 * i + axis];
     });
     const grid = { width: cols, height: rows, data: motion };
     const { data } = warpedFloats(grid, inverse(HImageFromGrid), width, height);
     return data.map((shift, i) => shift + (axis === 0 ? i % width : Math.floor(i / width)));
   });
-  return remapped(earlier, places, width, height);
+  return remapped(earlier, shown, width, height);
 }
