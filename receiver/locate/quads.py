@@ -219,7 +219,8 @@ def from_lines(gray: NDArray[np.uint8], limit: int, outside: float = SLACK) -> N
         limit: largest number returned.
         outside: distance by which corners may lie outside the image, as a share of its longer side.
             Where it is more than `SLACK`, only quadrilaterals with a corner outside are made, and
-            one side may be a line outside of which nothing is seen (`BEYOND`).
+            one side, or two that face each other, may be lines outside of which nothing is seen
+            (`BEYOND`).
 
     Returns:
         (N, 4, 2) pixels, those first of whose sides most is in view, and of that, lines cover
@@ -243,7 +244,9 @@ def from_lines(gray: NDArray[np.uint8], limit: int, outside: float = SLACK) -> N
     sides = usable[:, :, None] & usable[:, None, :] & (cover >= MIN_SIDE_COVER) & long
     a, b, c, d = _quadruples(sides)
     of_quads = np.stack([a, b, c, d])
-    a, b, c, d = of_quads[:, (of_quads >= seen_lines).sum(axis=0) < 2]  # one side may be unseen
+    unseen = of_quads >= seen_lines
+    # one side may be unseen, or two that face each other
+    a, b, c, d = of_quads[:, ~unseen[:2].any(axis=0) | ~unseen[2:].any(axis=0)]
     of_sides = (a, c, d), (b, c, d), (c, a, b), (d, a, b)
     covers = [cover[side] for side in of_sides]
     mean, least = sum(covers) / 4, np.minimum.reduce(covers)

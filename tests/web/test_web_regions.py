@@ -96,7 +96,7 @@ def test_regions_snap_to_edges_as_by_python(port: Port) -> None:
     proposer = port("receiver/pilots/search/proposals.js").Proposer(ported, [layout], None)
     for seed in range(4):
         rough = corners[0] + np.random.default_rng(seed).uniform(-8, 8, (4, 2))
-        known = run_to_end(Proposer(watch, [layout]).snapped(rough))
+        known = Proposer(watch, [layout]).snapped(rough)
         found = run_to_end(iter(proposer.snapped(rough.tolist())))
         assert np.median(np.abs(np.array(found) - known)) < SNAPPED_PX
 

@@ -19,7 +19,6 @@ from link.images import as_gray
 from link.layout import Layout
 from link.types import Corners, Image
 from receiver.pilots.search.film import HeldFrame
-from receiver.pilots.search.proposals import ANY_TURN
 from receiver.pilots.search.settle import Detection
 from receiver.pilots.search.watch import NEXT_FRAME, Observer, Watch
 from receiver.pilots.search.window_search import Search, WindowSearch
@@ -123,8 +122,7 @@ class PilotSearch:
         """Begin a window with a frame.
 
         By turns, windows take pictures to stand still and to move. After the first one, windows are
-        longer, and pilots are fitted to what is proposed late upright in two, sideways in the next
-        two.
+        longer.
         """
         number, self._begun = self._begun, self._begun + 1
         watch = Watch(
@@ -135,8 +133,7 @@ class PilotSearch:
             longer=2 if number else 1,
             observer=self._observer,
         )
-        turns = (ANY_TURN[(number - 1) // 2 % 2],) if number else ANY_TURN
-        window = WindowSearch(watch, self.layouts, turns, is_alone=not self._windows)
+        window = WindowSearch(watch, self.layouts, is_alone=not self._windows)
         self._windows[window] = window.steps()
 
     def _ended(self, detection: Detection | None, window: WindowSearch) -> PilotDisplay | None:

@@ -175,7 +175,7 @@ class Proposer:
         outlines, leaving = found
         return outlines, leaving
 
-    def snapped(self, region: Array) -> Steps[list[Array]]:
+    def snapped(self, region: Array) -> list[Array]:
         """Move the sides of a region to edges that are seen, and to those of what changes.
 
         A picture that moves changes up to its border, even where it is as dark as what is around
@@ -194,7 +194,6 @@ class Proposer:
         for levels in (stills[0], change_levels(stills)):
             smooth = cv2.GaussianBlur(levels, (0, 0), EDGE_BLUR_PX).astype(np.float32)
             found.append(self._watch.on_image(snap_to_edges(smooth, quad[None], reach)[0]))
-        yield 1
         return found
 
     def faint_edges(self) -> Iterator[list[Array]]:
@@ -274,7 +273,9 @@ class Proposer:
         views = self._watch.stills.views(self._watch.places(quad), *COARSE_SIZE).astype(np.float32)
         at = positions(self._watch.frames)
         most, best = 0, None
-        for layout in self._layouts:
+        for number, layout in enumerate(self._layouts):
+            if number:
+                yield 1
             series, blocks = rough_series(views, layout), expected_changes(layout)
             ways: Sequence[TogglePattern] = [Wave(frequency) for frequency in self._frequencies]
             if layout.code != PLAIN:
@@ -283,7 +284,6 @@ class Proposer:
                 fit = coarse_shift(toggling.amplitudes(series, at), blocks, layout, far=True)
                 if fit is not None and fit[1] > most:
                     most, best = fit[1], moved_corners(quad, fit[0], layout)
-            yield 1
         return best
 
 

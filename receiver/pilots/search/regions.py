@@ -6,12 +6,15 @@ log-odds within it. The outline is the quadrilateral for which this sum is large
 beyond the image, where nothing is known: there every cell speaks a little against it.
 """
 
+from collections.abc import Iterator, Sequence
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from link.geometry import homography_from_corners, transform
 from link.types import Array
+from receiver.locate.quads import nested
 
 REGIONS = 2
 """Largest number of displays that are outlined. It bounds the work; chosen by hand."""
@@ -34,6 +37,9 @@ films of 2.1 to 2.5 times their height in displays of 16:9. The pilots' fit reac
 PICTURE_SHARES = (3 / 4, 27 / 32, 9 / 16, 81 / 256)
 """Widths of pictures of 4:3, 3:2, 1:1 and 9:16 between black bars to their left and right, as
 shares of the width of a display of 16:9."""
+SURELY_LYING = 1.25
+"""Ratio of width to height from which on an outline is taken to show a picture that is not turned:
+turned ones of 16:9 that are seen from 45 degrees look so. Chosen by hand."""
 STEPS = (6.0, 3.0, 1.5, 0.75, 0.4)
 """Distances, in cells, by which corners and sides are tried to be moved, one after the other: each
 about half the last one, down to a part of a cell. Chosen by hand."""
@@ -131,10 +137,64 @@ def between_bars(panel: Array, share: float) -> Array:
     return transform(homography_from_corners(_lying(panel), 1, 1), places - 0.5)
 
 
+def panels_of(quads: Sequence[Array]) -> list[Array]:
+    """Choose what may be the whole of a panel: the outline of strongest edges, and one within it.
+
+    Args:
+        quads: (4, 2) outlines, clockwise, the strongest first.
+
+    Returns:
+        the strongest, and the strongest of those that lie within it at a bezel's distance.
+    """
+    within = [quad for quad in quads[1:] if nested(quad[None], quads[0])[0]]
+    return [*quads[:1], *within[:1]]
+
+
+def ways_up(quads: Sequence[Array], *, likely: bool = True) -> Iterator[Array]:
+    """Turn outlines in each way that is likely for a picture of such a shape, or in the other ways.
+
+    Pictures are taken to be wider than they are high, and not to stand upside down. What is about
+    as wide as high may be turned or not: seen from the side, it looks narrower than it is.
+
+    Args:
+        quads: (4, 2) outlines, clockwise from the corner nearest to the image's top left; the
+            likeliest first.
+        likely: whether the likely ways are asked for, or all others.
+
+    Yields:
+        (4, 2) the outline from the picture's top left corner on; the likeliest way of each outline
+        before the next one of any.
+
+    >>> [way[0].tolist() for way in ways_up([np.array([[0, 0], [90, 0], [90, 160], [0, 160]])])]
+    [[0, 160], [90, 0]]
+    """
+    turns = [_likely_turns(quad) for quad in quads]
+    if not likely:
+        turns = [tuple({0, 1, 2, 3} - set(each)) for each in turns]
+    for rank in range(4):
+        for quad, order in zip(quads, turns, strict=True):
+            if rank < len(order):
+                yield np.roll(quad, -order[rank], axis=0)
+
+
+def _likely_turns(quad: Array) -> tuple[int, ...]:
+    """List the quarter turns that are likely for an outline, as `ways_up` says."""
+    across, down = _lengths(quad)
+    if across > SURELY_LYING * down:
+        return (0,)
+    return (3, 1) if down > SURELY_LYING * across else (0, 3, 1)
+
+
 def _lying(quad: Array) -> Array:
     """Roll the corners of a (4, 2) quadrilateral until its longer sides are above and below."""
+    across, down = _lengths(quad)
+    return quad if across >= down else np.roll(quad, -1, axis=0)
+
+
+def _lengths(quad: Array) -> tuple[float, float]:
+    """Add up the lengths of the sides above and below, and of those to the left and right."""
     lengths = np.linalg.norm(np.roll(quad, -1, axis=0) - quad, axis=1)
-    return quad if lengths[::2].sum() >= lengths[1::2].sum() else np.roll(quad, -1, axis=0)
+    return float(lengths[::2].sum()), float(lengths[1::2].sum())
 
 
 def _sums(log_odds: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -5,14 +5,12 @@ where the pilots fit the grid, and a display is detected if its blocks toggle wi
 (`settle.verify`). That also tells which way up it is and which of several grids it shows.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain, product
-
-import numpy as np
 
 from link.layout import Layout
 from link.steps import Steps
-from link.types import Array
+from link.types import Array, Corners
 from receiver.pilots.search.proposals import (
     ANY_TURN,
     PROMISING,
@@ -21,7 +19,13 @@ from receiver.pilots.search.proposals import (
     Proposer,
     weigh,
 )
-from receiver.pilots.search.regions import PICTURE_SHARES, between_bars, with_bars
+from receiver.pilots.search.regions import (
+    PICTURE_SHARES,
+    between_bars,
+    panels_of,
+    ways_up,
+    with_bars,
+)
 from receiver.pilots.search.settle import HINT, Detection, verify
 from receiver.pilots.search.watch import NEXT_FRAME, Watch
 
@@ -35,6 +39,9 @@ LEAVING_AT_ONCE, LEAVING_LATER = 2, 12
 """Number of quadrilaterals which leave the image that the pilots are fitted to before outlines of
 what toggles, where the display may do so, and while frames are awaited. They bound the work; chosen
 by hand."""
+HINTS = 2
+"""Number of quadrilaterals, those of most evidence that is less than promising, that the pilots are
+fitted to. It bounds the work; chosen by hand."""
 BARRED = 2
 """Number of pictures between black bars, those of the likeliest shape, that the pilots are fitted
 to. It bounds the work; chosen by hand."""
@@ -48,16 +55,14 @@ class WindowSearch:
     Args:
         watch: the film, of which the reference frame has come.
         layouts: those that may be shown.
-        turns: quarter turns after which the pilots are fitted to what is proposed late.
         is_alone: whether no other window is searched while the frames come.
     """
 
-    def __init__(
-        self, watch: Watch, layouts: Sequence[Layout], turns: Sequence[int], *, is_alone: bool
-    ) -> None:
-        self.watch, self._turns, self._is_alone = watch, turns, is_alone
+    def __init__(self, watch: Watch, layouts: Sequence[Layout], *, is_alone: bool) -> None:
+        self.watch, self._is_alone = watch, is_alone
         self._proposer = Proposer(watch, layouts)
         self._leaving: list[Array] = []  # what may bound a display partly in view, by what toggles
+        self._hints: list[tuple[float, Corners]] = []  # evidence less than promising, and where
         self.has_looked = False
         """Whether edges have been weighed coarsely at all."""
         self.is_late = False
@@ -99,7 +104,6 @@ class WindowSearch:
         watch, proposer = self.watch, self._proposer
         edges = yield from proposer.edges()
         watch.surround(edges[:SURROUNDED])
-        every_turn = [turn + half for turn in self._turns for half in (0, 2)]
         aside = self._fits_partly_seen()
         count, seen = watch.soon, 0
         while seen < watch.window:
@@ -115,50 +119,54 @@ class WindowSearch:
             if found := (yield from self._weigh_coarsely(edges, seen)):
                 return found
             self.has_looked = True
-            if first and (found := (yield from self._weigh_others(edges, every_turn))):
+            if first and (found := (yield from self._weigh_others(edges))):
                 return found
         self.is_late = True
-        for trial in chain([self._weigh_others(edges, every_turn)], aside):
+        for trial in chain([self._weigh_others(edges)], aside):
             yield 1
             if found := (yield from trial):
                 return found
-        return (yield from self._fit(edges[:STRONGEST], every_turn))
+        return (yield from self._fit(ways_up(edges[:STRONGEST], likely=False)))
 
     def _fits_partly_seen(self) -> Iterator[Search]:
         """Fit the pilots, one by one, to quadrilaterals that may bound a display partly in view."""
-        for quad in (self._leaving or self._proposer.partly_seen)[:LEAVING_LATER]:
-            yield self._fit([quad], self._turns[:1])
+        quads = (self._leaving or self._proposer.partly_seen)[:LEAVING_LATER]
+        for corners in ways_up(quads):
+            yield self._fit([corners])
 
-    def _weigh_others(self, edges: Sequence[Array], turns: Sequence[int]) -> Search:
-        """Weigh faint edges, and fit the pilots after quarter turns to outlines of what toggles.
+    def _weigh_others(self, edges: Sequence[Array]) -> Search:
+        """Weigh faint edges, and fit the pilots to outlines of what toggles and of panels.
 
         What costs least and what is likeliest comes first.
 
         Args:
             edges: (4, 2) quadrilaterals of edges in the reference, the strongest first.
-            turns: quarter turns after which the pilots are fitted.
         """
         faint = self._proposer.faint_edges()
         first = next(faint)
         if found := (yield from self._weigh_coarsely(first)):
             return found
         regions, self._leaving = yield from self._proposer.regions()
-        snapped = (yield from self._proposer.snapped(regions[0])) if regions else []
-        panels = [*edges[:1], *first[:1]]
+        snapped = self._proposer.snapped(regions[0]) if regions else []
+        panels = [*panels_of(edges), *panels_of(first)]
         between = [between_bars(panel, share) for share, panel in product(PICTURE_SHARES, panels)]
         if found := (yield from self._weigh_coarsely([*snapped, *regions, *between])):
             return found
-        if found := (yield from self._fit(self._leaving[:LEAVING_AT_ONCE], self._turns[:1])):
+        if found := (yield from self._fit(ways_up(self._leaving[:LEAVING_AT_ONCE]))):
             return found
-        if found := (yield from self._fit(regions[:1], turns)):
+        if found := (yield from self._fit(self._best_hints())):
+            return found
+        if found := (yield from self._fit(ways_up([*regions[:1], *edges[:1]]))):
             return found
         for quads in faint:
             if found := (yield from self._weigh_coarsely(quads)):
                 return found
         barred = [*between[:BARRED], *(with_bars(each) for each in regions[:1])]
-        if found := (yield from self._fit(barred, (0,))):
+        if found := (yield from self._fit(barred)):
             return found
-        return (yield from self._fit(regions[1:], turns))
+        if found := (yield from self._fit(ways_up([*regions[1:], *edges[1:STRONGEST]]))):
+            return found
+        return (yield from self._fit(ways_up(regions[:1], likely=False)))
 
     def _weigh_coarsely(self, quads: Sequence[Array], count: int | None = None) -> Search:
         """Weigh quadrilaterals coarsely, and verify each that is promising.
@@ -170,29 +178,37 @@ class WindowSearch:
         for number, quad in enumerate(quads):
             evidence, proposal = self._proposer.weigh_coarsely(quad, count)
             self.watch.tell("weighed", quad, evidence)
-            if evidence > PROMISING and (found := (yield from self._weigh_and_verify(proposal))):
-                return found
+            if evidence > PROMISING:
+                if found := (yield from self._weigh_and_verify(proposal)):
+                    return found
+            elif evidence > HINT:
+                self._hints.append((evidence, proposal.corners))
             if number % WEIGHED_AT_ONCE == WEIGHED_AT_ONCE - 1:
                 yield 1
         return None
 
-    def _fit(self, quads: Sequence[Array], turns: Sequence[int]) -> Search:
+    def _fit(self, ways: Iterable[Array]) -> Search:
         """Fit the pilots to quadrilaterals, and verify each fit that is a hint.
 
         Args:
-            quads: (4, 2) pixels of the reference frame each, the likeliest first.
-            turns: quarter turns after which each is tried.
+            ways: (4, 2) pixels of the reference frame each, the displayed picture's top left first;
+                the likeliest first.
         """
-        for quad, turn in product(quads, turns):
-            corners = yield from self._proposer.first_fit(np.roll(quad, -turn, axis=0))
-            if corners is None:
+        for corners in ways:
+            fitted = yield from self._proposer.first_fit(corners)
+            if fitted is None:
                 continue
-            evidence, proposal = self._proposer.likeliest_in(corners)
-            self.watch.tell("weighed", corners, evidence)
+            evidence, proposal = self._proposer.likeliest_in(fitted)
+            self.watch.tell("weighed", fitted, evidence)
             yield 1
             if evidence > HINT and (found := (yield from self._verify(proposal, evidence))):
                 return found
         return None
+
+    def _best_hints(self) -> list[Corners]:
+        """Take what was weighed coarsely and is likeliest of what is less than promising."""
+        hints, self._hints = sorted(self._hints, key=lambda hint: -hint[0]), []
+        return [corners for _, corners in hints[:HINTS]]
 
     def _weigh_and_verify(self, proposal: Proposal) -> Search:
         """Weigh a proposal by all frames so far, and verify it."""

@@ -223,7 +223,8 @@ function mergeSegments(segments, diagonal) {
  * @param {number} limit - largest number returned
  * @param {number} [outside] - distance by which corners may lie outside the image, as a share of
  *   its longer side; where it is more than `SLACK`, only quadrilaterals with a corner outside are
- *   made, and one side may be a line outside of which nothing is seen (`BEYOND`)
+ *   made, and one side, or two that face each other, may be lines outside of which nothing is seen
+ *   (`BEYOND`)
  * @returns {Steps<Quad[]>} those first of whose sides most is in view, and of that, lines cover
  *   most
  */
@@ -320,8 +321,8 @@ function crossingLines(lines, width, height, limit, outside) {
       const two = cover[ofB + p];
       if (p <= q || two === 0) continue;
       const [c, d] = pairs[p];
-      // one side may be unseen; the first line of a pair comes before the other
-      if (a >= seenLines || c >= seenLines || (b >= seenLines && d >= seenLines)) continue;
+      // one side may be unseen, or two that face each other; the second line of a pair is the later
+      if (b >= seenLines && d >= seenLines) continue;
       const three = cover[c * pairs.length + q];
       const four = cover[d * pairs.length + q];
       if (three === 0 || four === 0) continue;

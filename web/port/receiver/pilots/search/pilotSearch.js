@@ -12,7 +12,7 @@
  */
 
 import { receiverPilotsSearchPilotSearch } from "../../../../generated/constants.js";
-import { ANY_TURN, NEXT_FRAME } from "./proposals.js";
+import { NEXT_FRAME } from "./proposals.js";
 import { Watch } from "./watch.js";
 import { WindowSearch } from "./windowSearch.js";
 
@@ -133,18 +133,16 @@ export class PilotSearch {
 
   /**
    * Begin a window with a frame. By turns, windows take pictures to stand still and to move. After the
-   * first one, windows are longer, and pilots are fitted to what is proposed late upright in two,
-   * sideways in the next two.
+   * first one, windows are longer.
    *
    * @param {BytePlane} gray
    * @param {number} time
    */
   #begin(gray, time) {
     const number = this.#begun++;
-    const turns = number === 0 ? ANY_TURN : [ANY_TURN[Math.floor((number - 1) / 2) % 2]];
     const watch = new Watch(gray, time, this.fps, number % 2 === 1, number > 0 ? 2 : 1);
     const isAlone = this.#windows.length === 0;
-    this.#windows.push(new WindowSearch(watch, this.layouts, this.mapper, turns, isAlone));
+    this.#windows.push(new WindowSearch(watch, this.layouts, this.mapper, isAlone));
   }
 
   /**

@@ -6,11 +6,11 @@
 
 import { receiverPilotsSearchRegions } from "../../../../generated/constants.js";
 import { homographyFromCorners, sideLengths, transform } from "../../../link/geometry.js";
-import { rolled } from "../../locate/quads.js";
+import { isNested, rolled } from "../../locate/quads.js";
 
 const {
   REGIONS, LEAST_CELLS, MOST_ODDS, BEYOND_CELLS, BEYOND_ODDS, LEAVING_ODDS, BAR_SHARE, STEPS,
-  MOST_MOVES, MOVES,
+  SURELY_LYING, MOST_MOVES, MOVES,
 } = receiverPilotsSearchRegions;
 
 /**
@@ -91,6 +91,52 @@ export function betweenBars(panel, share) {
   return transform(homographyFromCorners(lying(panel), 1, 1), [
     [left, -0.5], [right, -0.5], [right, 0.5], [left, 0.5],
   ]);
+}
+
+/**
+ * Choose what may be the whole of a panel: the outline of strongest edges, and one within it.
+ *
+ * @param {Point[][]} quads - outlines, clockwise, the strongest first
+ * @returns {Point[][]} the strongest, and the strongest of those that lie within it at a bezel's
+ *   distance
+ */
+export function panelsOf(quads) {
+  const within = quads.slice(1).filter((quad) => isNested(quad, quads[0]));
+  return [...quads.slice(0, 1), ...within.slice(0, 1)];
+}
+
+/**
+ * Turn outlines in each way that is likely for a picture of such a shape, or in the other ways. Pictures
+ * are taken to be wider than they are high, and not to stand upside down. What is about as wide as high
+ * may be turned or not: seen from the side, it looks narrower than it is.
+ *
+ * @param {Point[][]} quads - outlines, clockwise from the corner nearest to the image's top left; the
+ *   likeliest first
+ * @param {boolean} [isLikely] - whether the likely ways are asked for, or all others
+ * @returns {Generator<Point[]>} the outline from the picture's top left corner on; the likeliest way of
+ *   each outline before the next one of any
+ */
+export function* waysUp(quads, isLikely = true) {
+  const turns = quads.map((quad) => {
+    const likely = likelyTurns(quad);
+    return isLikely ? likely : [0, 1, 2, 3].filter((turn) => !likely.includes(turn));
+  });
+  for (let rank = 0; rank < 4; rank++) {
+    for (const [at, quad] of quads.entries()) {
+      if (rank < turns[at].length) yield rolled(quad, turns[at][rank]);
+    }
+  }
+}
+
+/**
+ * List the quarter turns that are likely for an outline, as `waysUp` says.
+ *
+ * @param {Point[]} quad
+ */
+function likelyTurns(quad) {
+  const [top, right, bottom, left] = sideLengths(quad);
+  if (top + bottom > SURELY_LYING * (right + left)) return [0];
+  return right + left > SURELY_LYING * (top + bottom) ? [3, 1] : [0, 3, 1];
 }
 
 /**

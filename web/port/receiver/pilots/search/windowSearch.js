@@ -9,11 +9,10 @@
 import {
   receiverPilotsSearchRegions, receiverPilotsSearchWindowSearch,
 } from "../../../../generated/constants.js";
-import { rolled } from "../../locate/quads.js";
 import {
   COARSE_WORK, NEXT_FRAME, PROMISING, Proposer, STRONGEST, weighSteps,
 } from "./proposals.js";
-import { betweenBars, withBars } from "./regions.js";
+import { betweenBars, panelsOf, waysUp, withBars } from "./regions.js";
 import { HINT, verifySteps } from "./settle.js";
 
 /** @typedef {import("./proposals.js").Proposal} Proposal */
@@ -22,7 +21,9 @@ import { HINT, verifySteps } from "./settle.js";
 /** @typedef {import("./watch.js").Watch} Watch */
 
 const { PICTURE_SHARES } = receiverPilotsSearchRegions;
-const { SURROUNDED, LEAVING_AT_ONCE, LEAVING_LATER, BARRED } = receiverPilotsSearchWindowSearch;
+const {
+  SURROUNDED, LEAVING_AT_ONCE, LEAVING_LATER, HINTS, BARRED,
+} = receiverPilotsSearchWindowSearch;
 /** Units of work of beginning to follow what surrounds quadrilaterals. */
 const SURROUND_WORK = 10;
 
@@ -30,11 +31,10 @@ const SURROUND_WORK = 10;
 export class WindowSearch {
   #proposer;
   #isAlone;
-  #turns;
-  /** The same, upright and upside down. */
-  #everyTurn;
   /** What may bound a display partly in view, by what toggles, the likeliest first. @type {Point[][]} */
   #leaving = [];
+  /** What has evidence that is less than promising. @type {{ evidence: number, corners: Point[] }[]} */
+  #hints = [];
   /** Whether edges have been weighed coarsely at all. */
   hasLooked = false;
   /** Whether edges have been weighed coarsely in all frames that are watched. */
@@ -48,15 +48,11 @@ export class WindowSearch {
    * @param {Watch} watch - the film, of which the reference frame has come
    * @param {readonly Layout[]} layouts - those that may be shown
    * @param {RegionMapper} mapper - maps where displays toggle
-   * @param {readonly number[]} turns - quarter turns after which the pilots are fitted to what is
-   *   proposed late
    * @param {boolean} isAlone - whether no other window is searched while the frames come
    */
-  constructor(watch, layouts, mapper, turns, isAlone) {
+  constructor(watch, layouts, mapper, isAlone) {
     this.watch = watch;
     this.#proposer = new Proposer(watch, layouts, mapper);
-    this.#turns = turns;
-    this.#everyTurn = turns.flatMap((turn) => [turn, turn + 2]);
     this.#isAlone = isAlone;
     /** Steps of the search, each with the frames that have come so far. */
     this.steps = this.#allSteps();
@@ -133,7 +129,7 @@ export class WindowSearch {
       const found = yield* trial;
       if (found !== null) return found;
     }
-    return yield* this.#fit(edges.slice(0, STRONGEST), this.#everyTurn);
+    return yield* this.#fit(waysUp(edges.slice(0, STRONGEST), false));
   }
 
   /**
@@ -143,12 +139,12 @@ export class WindowSearch {
    */
   *#aside() {
     const quads = this.#leaving.length > 0 ? this.#leaving : this.#proposer.partlySeen;
-    for (const quad of quads.slice(0, LEAVING_LATER)) yield this.#fit([quad], this.#turns.slice(0, 1));
+    for (const corners of waysUp(quads.slice(0, LEAVING_LATER))) yield this.#fit([corners]);
   }
 
   /**
-   * Weigh faint edges coarsely, and fit the pilots to outlines of what toggles. What costs least and
-   * what is likeliest comes first.
+   * Weigh faint edges coarsely, and fit the pilots to outlines of what toggles and of panels. What costs
+   * least and what is likeliest comes first.
    *
    * @param {Point[][]} edges - quadrilaterals of edges, the strongest first
    * @returns {Steps<Detection | null>}
@@ -161,14 +157,15 @@ export class WindowSearch {
     const { outlines: regions, leaving } = yield* this.#proposer.regions();
     this.#leaving = leaving;
     const snapped = regions.length > 0 ? yield* this.#proposer.snapped(regions[0]) : [];
-    const panels = [edges, first].flatMap((quads) => quads.slice(0, 1));
+    const panels = [...panelsOf(edges), ...panelsOf(first)];
     const between = PICTURE_SHARES.flatMap((share) =>
       panels.map((panel) => betweenBars(panel, share)),
     );
     const bounded =
       (yield* this.#weighCoarsely([...snapped, ...regions, ...between])) ??
-      (yield* this.#fit(leaving.slice(0, LEAVING_AT_ONCE), this.#turns.slice(0, 1))) ??
-      (yield* this.#fit(regions.slice(0, 1), this.#everyTurn));
+      (yield* this.#fit(waysUp(leaving.slice(0, LEAVING_AT_ONCE)))) ??
+      (yield* this.#fit(this.#bestHints())) ??
+      (yield* this.#fit(waysUp([...regions.slice(0, 1), ...edges.slice(0, 1)])));
     if (bounded !== null) return bounded;
     for (const edges of withoutDetails) {
       const found = yield* this.#weighCoarsely(yield* edges);
@@ -176,8 +173,9 @@ export class WindowSearch {
     }
     const barred = [...between.slice(0, BARRED), ...regions.slice(0, 1).map(withBars)];
     return (
-      (yield* this.#fit(barred, [0])) ??
-      (yield* this.#fit(regions.slice(1), this.#everyTurn))
+      (yield* this.#fit(barred)) ??
+      (yield* this.#fit(waysUp([...regions.slice(1), ...edges.slice(1, STRONGEST)]))) ??
+      (yield* this.#fit(waysUp(regions.slice(0, 1), false)))
     );
   }
 
@@ -190,9 +188,10 @@ export class WindowSearch {
   *#weighCoarsely(quads, count = null) {
     for (const quad of quads) {
       const { evidence, proposal } = yield* this.#proposer.weighCoarselySteps(quad, count);
-      if (!(evidence > PROMISING)) continue;
-      const found = yield* this.#weighAndVerify(proposal);
-      if (found !== null) return found;
+      if (evidence > PROMISING) {
+        const found = yield* this.#weighAndVerify(proposal);
+        if (found !== null) return found;
+      } else if (evidence > HINT) this.#hints.push({ evidence, corners: proposal.corners });
     }
     return null;
   }
@@ -200,22 +199,26 @@ export class WindowSearch {
   /**
    * Fit the pilots to quadrilaterals, and verify each fit that is a hint.
    *
-   * @param {Point[][]} quads - the likeliest first
-   * @param {readonly number[]} turns - quarter turns after which each is tried
+   * @param {Iterable<Point[]>} ways - the displayed picture's top left first; the likeliest first
    */
-  *#fit(quads, turns) {
-    for (const quad of quads) {
-      for (const turn of turns) {
-        const corners = yield* this.#proposer.firstFit(rolled(quad, turn));
-        if (corners === null) continue;
-        const { evidence, proposal } = this.#proposer.surestIn(corners);
-        yield COARSE_WORK;
-        if (!(evidence > HINT)) continue;
-        const found = yield* this.#verify(proposal, evidence);
-        if (found !== null) return found;
-      }
+  *#fit(ways) {
+    for (const corners of ways) {
+      const fitted = yield* this.#proposer.firstFit(corners);
+      if (fitted === null) continue;
+      const { evidence, proposal } = this.#proposer.surestIn(fitted);
+      yield COARSE_WORK;
+      if (!(evidence > HINT)) continue;
+      const found = yield* this.#verify(proposal, evidence);
+      if (found !== null) return found;
     }
     return null;
+  }
+
+  /** Take what was weighed coarsely and is likeliest of what is less than promising. */
+  #bestHints() {
+    const hints = this.#hints.sort((one, other) => other.evidence - one.evidence).slice(0, HINTS);
+    this.#hints = [];
+    return hints.map(({ corners }) => corners);
   }
 
   /**
