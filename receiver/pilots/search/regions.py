@@ -37,9 +37,9 @@ films of 2.1 to 2.5 times their height in displays of 16:9. The pilots' fit reac
 PICTURE_SHARES = (3 / 4, 27 / 32, 9 / 16, 81 / 256)
 """Widths of pictures of 4:3, 3:2, 1:1 and 9:16 between black bars to their left and right, as
 shares of the width of a display of 16:9."""
-SURELY_LYING = 1.25
+SURELY_LYING = 1.15
 """Ratio of width to height from which on an outline is taken to show a picture that is not turned:
-turned ones of 16:9 that are seen from 45 degrees look so. Chosen by hand."""
+turned ones of 4:3 that are seen from 50 degrees look so. Chosen by hand."""
 STEPS = (6.0, 3.0, 1.5, 0.75, 0.4)
 """Distances, in cells, by which corners and sides are tried to be moved, one after the other: each
 about half the last one, down to a part of a cell. Chosen by hand."""

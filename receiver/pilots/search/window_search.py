@@ -35,7 +35,7 @@ other steps of the search. Chosen by hand."""
 SURROUNDED = 4
 """Number of quadrilaterals, those of the strongest edges, that are followed by what surrounds them.
 It bounds the work; chosen by hand."""
-LEAVING_AT_ONCE, LEAVING_LATER = 2, 12
+LEAVING_AT_ONCE, LEAVING_LATER = 2, 6
 """Number of quadrilaterals which leave the image that the pilots are fitted to before outlines of
 what toggles, where the display may do so, and while frames are awaited. They bound the work; chosen
 by hand."""
@@ -126,7 +126,8 @@ class WindowSearch:
             yield 1
             if found := (yield from trial):
                 return found
-        return (yield from self._fit(ways_up(edges[:STRONGEST], likely=False)))
+        rarer = chain(ways_up(edges[1:STRONGEST]), ways_up(edges[:STRONGEST], likely=False))
+        return (yield from self._fit(rarer))
 
     def _fits_partly_seen(self) -> Iterator[Search]:
         """Fit the pilots, one by one, to quadrilaterals that may bound a display partly in view."""
@@ -164,7 +165,7 @@ class WindowSearch:
         barred = [*between[:BARRED], *(with_bars(each) for each in regions[:1])]
         if found := (yield from self._fit(barred)):
             return found
-        if found := (yield from self._fit(ways_up([*regions[1:], *edges[1:STRONGEST]]))):
+        if found := (yield from self._fit(ways_up(regions[1:]))):
             return found
         return (yield from self._fit(ways_up(regions[:1], likely=False)))
 
@@ -197,6 +198,7 @@ class WindowSearch:
         for corners in ways:
             fitted = yield from self._proposer.first_fit(corners)
             if fitted is None:
+                yield 1
                 continue
             evidence, proposal = self._proposer.likeliest_in(fitted)
             self.watch.tell("weighed", fitted, evidence)

@@ -129,7 +129,10 @@ export class WindowSearch {
       const found = yield* trial;
       if (found !== null) return found;
     }
-    return yield* this.#fit(waysUp(edges.slice(0, STRONGEST), false));
+    return (
+      (yield* this.#fit(waysUp(edges.slice(1, STRONGEST)))) ??
+      (yield* this.#fit(waysUp(edges.slice(0, STRONGEST), false)))
+    );
   }
 
   /**
@@ -174,7 +177,7 @@ export class WindowSearch {
     const barred = [...between.slice(0, BARRED), ...regions.slice(0, 1).map(withBars)];
     return (
       (yield* this.#fit(barred)) ??
-      (yield* this.#fit(waysUp([...regions.slice(1), ...edges.slice(1, STRONGEST)]))) ??
+      (yield* this.#fit(waysUp(regions.slice(1)))) ??
       (yield* this.#fit(waysUp(regions.slice(0, 1), false)))
     );
   }
