@@ -228,7 +228,7 @@ def from_lines(gray: NDArray[np.uint8], limit: int, outside: float = SLACK) -> N
     """
     height, width = gray.shape
     ends = segments(gray)
-    if len(ends) < 3:
+    if len(ends) < 2:
         return np.empty((0, 4, 2))
     lines, covered = merge_segments(ends, float(np.hypot(width, height)))
     seen_lines = len(lines)

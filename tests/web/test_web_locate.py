@@ -120,6 +120,14 @@ def test_a_display_of_which_a_corner_is_out_of_view_is_proposed(port: Port, corn
     assert nearest(known, found[0]) < within.PROPOSED_PX
 
 
+def test_a_display_with_two_facing_sides_outside_is_proposed(port: Port) -> None:
+    gray = np.full((360, 640), 60, np.uint8)
+    gray[:, 200:440] = 180
+    known, found = leaving_quads(gray, PROPOSED), proposed(port, "leavingSteps", gray)
+    assert nearest(found, known[0]) < within.PROPOSED_PX
+    assert nearest(known, found[0]) < within.PROPOSED_PX
+
+
 @pytest.mark.slow
 @cases((0.0, 0), (30.0, 1), (45.0, 2))
 def test_simulated_displays_are_proposed(view_deg: float, seed: int, port: Port) -> None:

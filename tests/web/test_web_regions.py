@@ -19,10 +19,12 @@ from receiver.locate.quads import upright
 from receiver.pilots.search.proposals import Proposer
 from receiver.pilots.search.regions import (
     PICTURE_SHARES,
-    between_bars,
+    WITH_BARS,
+    about_middle,
     leaving_regions,
     outline_regions,
-    with_bars,
+    panels_of,
+    ways_up,
 )
 from receiver.pilots.search.watch import Watch
 
@@ -77,13 +79,27 @@ def test_leaving_displays_are_chosen_as_by_python(port: Port, name: str) -> None
         )
 
 
-def test_bars_are_taken_for_parts_of_a_display_as_by_python(port: Port) -> None:
-    upright_film = np.array([[10.0, 5], [70, 8], [71, 40], [9, 36]])
+def test_pictures_are_sought_within_panels_and_in_every_way_up_as_by_python(port: Port) -> None:
+    lying = np.array([[10.0, 5], [70, 8], [71, 40], [9, 36]])
+    standing = lying[:, ::-1][[0, 3, 2, 1]]
+    square = np.array([[0.0, 0], [40, 0], [40, 40], [0, 40]])
+    within = square.mean(axis=0) + 0.9 * (square - square.mean(axis=0))
     ported = port("receiver/pilots/search/regions.js")
-    for film in (upright_film, upright_film[:, ::-1][::-1]):  # and one that is turned
-        same(ported.withBars(film.tolist()), with_bars(film), 1e-9)
+    for outline in (lying, standing):
         for share in PICTURE_SHARES:
-            same(ported.betweenBars(film.tolist(), share), between_bars(film, share), 1e-5)
+            known = about_middle(outline, share, WITH_BARS)
+            same(ported.aboutMiddle(outline.tolist(), share, WITH_BARS), known, 1e-5)
+    quads = [square, lying, within]
+    same(ported.panelsOf([quad.tolist() for quad in quads]), [square, within], 0)
+    assert len(panels_of(quads)) == len(panels_of([square, within])) == 2
+    quads.append(standing)
+    ways = [np.array(list(ways_up(quads, likely=likely))) for likely in (True, False)]
+    for likely, known in zip((True, False), ways, strict=True):
+        same(list(ported.waysUp([quad.tolist() for quad in quads], likely)), known, 0)
+    assert {way.tobytes() for way in np.concatenate(ways)} == {
+        np.roll(quad, turn, axis=0).tobytes() for quad in quads for turn in range(4)
+    }
+    assert (ways[0][:3] == [square, lying, within]).all()  # each upright, before any is turned
 
 
 def test_regions_snap_to_edges_as_by_python(port: Port) -> None:

@@ -133,7 +133,7 @@ class PilotSearch:
             longer=2 if number else 1,
             observer=self._observer,
         )
-        window = WindowSearch(watch, self.layouts, is_alone=not self._windows)
+        window = WindowSearch(watch, self.layouts)
         self._windows[window] = window.steps()
 
     def _ended(self, detection: Detection | None, window: WindowSearch) -> PilotDisplay | None:

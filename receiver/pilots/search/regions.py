@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.geometry import homography_from_corners, transform
+from link.geometry import frame_corners, homography_from_corners, transform
 from link.types import Array
 from receiver.locate.quads import nested
 
@@ -31,9 +31,10 @@ LEAVING_ODDS = 3.0
 """Log-odds that are added to those of each cell where a display may leave the image: cameras that
 the network did not learn from show such displays less surely. Chosen with 24 films of another
 simulation."""
-BAR_SHARE = 0.13
-"""Height of a black bar above or below a wide film, as a share of the film's: from 0.09 to 0.2 for
-films of 2.1 to 2.5 times their height in displays of 16:9. The pilots' fit reaches the others."""
+WITH_BARS = 1.26
+"""Height of a display as a share of the height of a wide film between black bars above and below:
+from 1.18 to 1.4 for films of 2.1 to 2.5 times their height in displays of 16:9. The pilots' fit
+reaches the others."""
 PICTURE_SHARES = (3 / 4, 27 / 32, 9 / 16, 81 / 256)
 """Widths of pictures of 4:3, 3:2, 1:1 and 9:16 between black bars to their left and right, as
 shares of the width of a display of 16:9."""
@@ -98,43 +99,28 @@ def leaving_regions(quads: Array, log_odds: NDArray[np.float32]) -> list[Array]:
     return [*quads[order[:1]], *outlines, *quads[order[1:]]]
 
 
-def with_bars(quad: Array) -> Array:
-    """Take black bars above and below a wide film, which show nothing, for parts of its display.
+def about_middle(outline: Array, across: float = 1.0, down: float = 1.0) -> Array:
+    """Make the outline of what has the same middle as another in the plane of a display.
+
+    It may be narrower, where a picture is dark along its sides and differs little from the black
+    bars beside it. Or it may be higher, where black bars above and below a film belong to the
+    display.
 
     Args:
-        quad: (4, 2) the outline of a film, clockwise.
+        outline: (4, 2) the outline of a panel or a film, clockwise.
+        across: width of what is sought, as a share of the outline's longer side.
+        down: its height, as a share of the outline's shorter side.
 
     Returns:
-        (4, 2) the display, of which the first corner is the top left if the film is upright, or
-        turned to the left.
+        (4, 2) what is sought, of which the first corner is the top left if the outline is upright,
+        or turned to the left.
 
-    >>> with_bars(np.array([[0.0, 0], [200, 0], [200, 100], [0, 100]])).tolist()
-    [[0.0, -13.0], [200.0, -13.0], [200.0, 113.0], [0.0, 113.0]]
-    """
-    wide = _lying(quad)
-    return np.asarray(wide + BAR_SHARE * (wide - wide[::-1]))
-
-
-def between_bars(panel: Array, share: float) -> Array:
-    """Take a part in the middle of a panel for the picture, and what is beside it for black bars.
-
-    A picture that is dark along its sides differs little from the bars, where the panel's own
-    outline is clear.
-
-    Args:
-        panel: (4, 2) the outline of a panel, clockwise.
-        share: width of the picture, as a share of the panel's longer side.
-
-    Returns:
-        (4, 2) the picture, of which the first corner is the top left if the panel is upright, or
-        turned to the left.
-
-    >>> between_bars(np.array([[0.0, 0], [160, 0], [160, 90], [0, 90]]), 3 / 4).round().tolist()
+    >>> panel = np.array([[0.0, 0], [160, 0], [160, 90], [0, 90]])
+    >>> about_middle(panel, across=3 / 4).round().tolist()
     [[20.0, 0.0], [140.0, 0.0], [140.0, 90.0], [20.0, 90.0]]
     """
-    left, right = (1 - share) / 2, (1 + share) / 2
-    places = np.array([[left, 0], [right, 0], [right, 1], [left, 1]])
-    return transform(homography_from_corners(_lying(panel), 1, 1), places - 0.5)
+    places = frame_corners(1, 1) * [across, down]
+    return transform(homography_from_corners(_lying(outline), 1, 1), places)
 
 
 def panels_of(quads: Sequence[Array]) -> list[Array]:

@@ -5,7 +5,7 @@ where the pilots fit the grid, and a display is detected if its blocks toggle wi
 (`settle.verify`). That also tells which way up it is and which of several grids it shows.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import chain, product
 
 from link.layout import Layout
@@ -21,10 +21,10 @@ from receiver.pilots.search.proposals import (
 )
 from receiver.pilots.search.regions import (
     PICTURE_SHARES,
-    between_bars,
+    WITH_BARS,
+    about_middle,
     panels_of,
     ways_up,
-    with_bars,
 )
 from receiver.pilots.search.settle import HINT, Detection, verify
 from receiver.pilots.search.watch import NEXT_FRAME, Watch
@@ -37,8 +37,8 @@ SURROUNDED = 4
 It bounds the work; chosen by hand."""
 LEAVING_AT_ONCE, LEAVING_LATER = 2, 6
 """Number of quadrilaterals which leave the image that the pilots are fitted to before outlines of
-what toggles, where the display may do so, and while frames are awaited. They bound the work; chosen
-by hand."""
+what toggles, where the display may do so, and after all else. They bound the work; chosen by
+hand."""
 HINTS = 2
 """Number of quadrilaterals, those of most evidence that is less than promising, that the pilots are
 fitted to. It bounds the work; chosen by hand."""
@@ -55,11 +55,10 @@ class WindowSearch:
     Args:
         watch: the film, of which the reference frame has come.
         layouts: those that may be shown.
-        is_alone: whether no other window is searched while the frames come.
     """
 
-    def __init__(self, watch: Watch, layouts: Sequence[Layout], *, is_alone: bool) -> None:
-        self.watch, self._is_alone = watch, is_alone
+    def __init__(self, watch: Watch, layouts: Sequence[Layout]) -> None:
+        self.watch = watch
         self._proposer = Proposer(watch, layouts)
         self._leaving: list[Array] = []  # what may bound a display partly in view, by what toggles
         self._hints: list[tuple[float, Corners]] = []  # evidence less than promising, and where
@@ -96,22 +95,16 @@ class WindowSearch:
 
         Edges are weighed coarsely soon and after each quarter of the window. After the first time,
         and once all frames have been watched, faint edges are weighed, and the pilots are fitted to
-        outlines of what toggles. While frames are awaited, they are fitted to quadrilaterals that
-        may bound a display of which a part is in view; beside another window, which has the time,
-        this comes at the end. Last, they are fitted to the strongest edges, which may bound a
-        display, if not exactly.
+        outlines of what toggles. Last, they are fitted to more quadrilaterals that may bound a
+        display of which a part is in view, and to the strongest edges in every way up.
         """
         watch, proposer = self.watch, self._proposer
         edges = yield from proposer.edges()
         watch.surround(edges[:SURROUNDED])
-        aside = self._fits_partly_seen()
         count, seen = watch.soon, 0
         while seen < watch.window:
             while len(watch.frames) < min(count, watch.window):
-                trial = next(aside, None) if seen and self._is_alone else None
-                yield NEXT_FRAME if trial is None else 1
-                if trial is not None and (found := (yield from trial)):
-                    return found
+                yield NEXT_FRAME
                 for quad, turn in product(edges, ANY_TURN):  # each frame does its own share
                     proposer.pilots_seen(quad, turn, len(watch.frames))
             first, seen = seen == 0, len(watch.frames)
@@ -122,18 +115,12 @@ class WindowSearch:
             if first and (found := (yield from self._weigh_others(edges))):
                 return found
         self.is_late = True
-        for trial in chain([self._weigh_others(edges)], aside):
-            yield 1
-            if found := (yield from trial):
-                return found
-        rarer = chain(ways_up(edges[1:STRONGEST]), ways_up(edges[:STRONGEST], likely=False))
-        return (yield from self._fit(rarer))
-
-    def _fits_partly_seen(self) -> Iterator[Search]:
-        """Fit the pilots, one by one, to quadrilaterals that may bound a display partly in view."""
-        quads = (self._leaving or self._proposer.partly_seen)[:LEAVING_LATER]
-        for corners in ways_up(quads):
-            yield self._fit([corners])
+        if found := (yield from self._weigh_others(edges)):
+            return found
+        partly_seen = (self._leaving or proposer.partly_seen)[:LEAVING_LATER]
+        strongest = edges[:STRONGEST]
+        last = ways_up(partly_seen), ways_up(strongest[1:]), ways_up(strongest, likely=False)
+        return (yield from self._fit(chain(*last)))
 
     def _weigh_others(self, edges: Sequence[Array]) -> Search:
         """Weigh faint edges, and fit the pilots to outlines of what toggles and of panels.
@@ -150,7 +137,8 @@ class WindowSearch:
         regions, self._leaving = yield from self._proposer.regions()
         snapped = self._proposer.snapped(regions[0]) if regions else []
         panels = [*panels_of(edges), *panels_of(first)]
-        between = [between_bars(panel, share) for share, panel in product(PICTURE_SHARES, panels)]
+        shapes = product(PICTURE_SHARES, panels)
+        between = [about_middle(panel, across=share) for share, panel in shapes]
         if found := (yield from self._weigh_coarsely([*snapped, *regions, *between])):
             return found
         if found := (yield from self._fit(ways_up(self._leaving[:LEAVING_AT_ONCE]))):
@@ -162,7 +150,7 @@ class WindowSearch:
         for quads in faint:
             if found := (yield from self._weigh_coarsely(quads)):
                 return found
-        barred = [*between[:BARRED], *(with_bars(each) for each in regions[:1])]
+        barred = [*between[:BARRED], *(about_middle(each, down=WITH_BARS) for each in regions[:1])]
         if found := (yield from self._fit(barred)):
             return found
         if found := (yield from self._fit(ways_up(regions[1:]))):

@@ -71,6 +71,16 @@ def test_a_display_with_a_side_outside_is_proposed_by_the_others() -> None:
     np.testing.assert_allclose(first, expected, atol=2)
 
 
+def test_a_display_with_two_facing_sides_outside_is_proposed_by_the_others() -> None:
+    image = np.full((360, 640, 3), 60, np.uint8)
+    image[:, 200:440] = 180
+    before, beyond = -BEYOND * 640, 360 + BEYOND * 640
+    expected = [[199.5, before], [439.5, before], [439.5, beyond], [199.5, beyond]]
+    np.testing.assert_allclose(leaving_quads(image, 1)[0], expected, atol=2)
+    turned = leaving_quads(image.transpose(1, 0, 2), 1)[0]
+    np.testing.assert_allclose(turned, np.array(expected)[[0, 3, 2, 1], ::-1], atol=2)
+
+
 def test_no_display() -> None:
     rng = np.random.default_rng(0)
     wall = np.clip(room(), 0, 255).astype(np.uint8)

@@ -240,7 +240,7 @@ export function* lineSteps(gray, limit, outside = SLACK) {
 /** Finds the lines of an image; null where it has too few segments. */
 const linesOf = keptWithImage((gray) => {
   const segments = longestSegments(gray);
-  return segments.length < 3 ? null : mergeSegments(segments, Math.hypot(gray.width, gray.height));
+  return segments.length < 2 ? null : mergeSegments(segments, Math.hypot(gray.width, gray.height));
 });
 
 /**

@@ -141,8 +141,7 @@ export class PilotSearch {
   #begin(gray, time) {
     const number = this.#begun++;
     const watch = new Watch(gray, time, this.fps, number % 2 === 1, number > 0 ? 2 : 1);
-    const isAlone = this.#windows.length === 0;
-    this.#windows.push(new WindowSearch(watch, this.layouts, this.mapper, isAlone));
+    this.#windows.push(new WindowSearch(watch, this.layouts, this.mapper));
   }
 
   /**

@@ -9,7 +9,7 @@ import { homographyFromCorners, sideLengths, transform } from "../../../link/geo
 import { isNested, rolled } from "../../locate/quads.js";
 
 const {
-  REGIONS, LEAST_CELLS, MOST_ODDS, BEYOND_CELLS, BEYOND_ODDS, LEAVING_ODDS, BAR_SHARE, STEPS,
+  REGIONS, LEAST_CELLS, MOST_ODDS, BEYOND_CELLS, BEYOND_ODDS, LEAVING_ODDS, STEPS,
   SURELY_LYING, MOST_MOVES, MOVES,
 } = receiverPilotsSearchRegions;
 
@@ -64,33 +64,18 @@ export function leavingRegions(quads, logOdds, width) {
 }
 
 /**
- * Take black bars above and below a wide film, which show nothing, for parts of its display.
+ * Make the outline of what has the same middle as another in the plane of a display. It may be narrower,
+ * where a picture is dark along its sides, or higher, where bars above and below a film belong to it.
  *
- * @param {Point[]} quad - the outline of a film, clockwise
- * @returns {Point[]} the display, of which the first corner is the top left if the film is upright, or
- *   turned to the left
+ * @param {Point[]} outline - of a panel or a film, clockwise
+ * @param {number} across - width of what is sought, as a share of the outline's longer side
+ * @param {number} down - its height, as a share of the outline's shorter side
+ * @returns {Point[]} what is sought, of which the first corner is the top left if the outline is upright,
+ *   or turned to the left
  */
-export function withBars(quad) {
-  const wide = lying(quad);
-  return wide.map(([x, y], at) => {
-    const [oppositeX, oppositeY] = wide[3 - at];
-    return [x + BAR_SHARE * (x - oppositeX), y + BAR_SHARE * (y - oppositeY)];
-  });
-}
-
-/**
- * Take a part in the middle of a panel for the picture, and what is beside it for black bars.
- *
- * @param {Point[]} panel - the outline of a panel, clockwise
- * @param {number} share - width of the picture, as a share of the panel's longer side
- * @returns {Point[]} the picture, of which the first corner is the top left if the panel is upright, or
- *   turned to the left
- */
-export function betweenBars(panel, share) {
-  const [left, right] = [-share / 2, share / 2];
-  return transform(homographyFromCorners(lying(panel), 1, 1), [
-    [left, -0.5], [right, -0.5], [right, 0.5], [left, 0.5],
-  ]);
+export function aboutMiddle(outline, across, down) {
+  const [x, y] = [across / 2, down / 2];
+  return transform(homographyFromCorners(lying(outline), 1, 1), [[-x, -y], [x, -y], [x, y], [-x, y]]);
 }
 
 /**

@@ -12,7 +12,7 @@ import {
 import {
   COARSE_WORK, NEXT_FRAME, PROMISING, Proposer, STRONGEST, weighSteps,
 } from "./proposals.js";
-import { betweenBars, panelsOf, waysUp, withBars } from "./regions.js";
+import { aboutMiddle, panelsOf, waysUp } from "./regions.js";
 import { HINT, verifySteps } from "./settle.js";
 
 /** @typedef {import("./proposals.js").Proposal} Proposal */
@@ -20,7 +20,7 @@ import { HINT, verifySteps } from "./settle.js";
 /** @typedef {import("./settle.js").Detection} Detection */
 /** @typedef {import("./watch.js").Watch} Watch */
 
-const { PICTURE_SHARES } = receiverPilotsSearchRegions;
+const { PICTURE_SHARES, WITH_BARS } = receiverPilotsSearchRegions;
 const {
   SURROUNDED, LEAVING_AT_ONCE, LEAVING_LATER, HINTS, BARRED,
 } = receiverPilotsSearchWindowSearch;
@@ -30,7 +30,6 @@ const SURROUND_WORK = 10;
 /** Looks for a display in the frames that follow a reference frame. */
 export class WindowSearch {
   #proposer;
-  #isAlone;
   /** What may bound a display partly in view, by what toggles, the likeliest first. @type {Point[][]} */
   #leaving = [];
   /** What has evidence that is less than promising. @type {{ evidence: number, corners: Point[] }[]} */
@@ -48,12 +47,10 @@ export class WindowSearch {
    * @param {Watch} watch - the film, of which the reference frame has come
    * @param {readonly Layout[]} layouts - those that may be shown
    * @param {RegionMapper} mapper - maps where displays toggle
-   * @param {boolean} isAlone - whether no other window is searched while the frames come
    */
-  constructor(watch, layouts, mapper, isAlone) {
+  constructor(watch, layouts, mapper) {
     this.watch = watch;
     this.#proposer = new Proposer(watch, layouts, mapper);
-    this.#isAlone = isAlone;
     /** Steps of the search, each with the frames that have come so far. */
     this.steps = this.#allSteps();
   }
@@ -94,8 +91,8 @@ export class WindowSearch {
    * Look for the display in the film that follows the reference.
    *
    * After edges have first been weighed coarsely, and once the window is late, other proposals are
-   * tried. While frames are awaited, the pilots are fitted to quadrilaterals that may bound a display of
-   * which a part is in view; beside another window, which has the time, this comes at the end.
+   * tried. Last, the pilots are fitted to more quadrilaterals that may bound a display of which a part
+   * is in view, and to the strongest edges in every way up.
    *
    * @returns {Steps<Detection | null>}
    */
@@ -106,16 +103,10 @@ export class WindowSearch {
     watch.surround(edges.slice(0, SURROUNDED));
     yield SURROUND_WORK;
     const quarter = Math.floor(watch.window / 4);
-    const aside = this.#aside();
     for (let count = watch.soon, seen = 0; seen < watch.window; count = seen + quarter) {
       while (watch.frames.length < Math.min(count, watch.window)) {
         for (const quad of edges) watch.places(quad, watch.frames.length); // each frame its share
-        const trial = seen > 0 && this.#isAlone ? aside.next() : null;
-        if (trial === null || trial.done) yield NEXT_FRAME;
-        else {
-          const found = yield* trial.value;
-          if (found !== null) return found;
-        }
+        yield NEXT_FRAME;
       }
       const isFirst = seen === 0;
       seen = watch.frames.length;
@@ -125,24 +116,15 @@ export class WindowSearch {
       if (found !== null) return found;
     }
     this.isLate = true;
-    for (const trial of [this.#others(edges), ...aside]) {
-      const found = yield* trial;
-      if (found !== null) return found;
-    }
-    return (
-      (yield* this.#fit(waysUp(edges.slice(1, STRONGEST)))) ??
-      (yield* this.#fit(waysUp(edges.slice(0, STRONGEST), false)))
-    );
-  }
-
-  /**
-   * List what is tried while frames are awaited: displays partly in view.
-   *
-   * @returns {Generator<Steps<Detection | null>>}
-   */
-  *#aside() {
-    const quads = this.#leaving.length > 0 ? this.#leaving : this.#proposer.partlySeen;
-    for (const corners of waysUp(quads.slice(0, LEAVING_LATER))) yield this.#fit([corners]);
+    const found = yield* this.#others(edges);
+    if (found !== null) return found;
+    const partlySeen = this.#leaving.length > 0 ? this.#leaving : proposer.partlySeen;
+    const strongest = edges.slice(0, STRONGEST);
+    return yield* this.#fit([
+      ...waysUp(partlySeen.slice(0, LEAVING_LATER)),
+      ...waysUp(strongest.slice(1)),
+      ...waysUp(strongest, false),
+    ]);
   }
 
   /**
@@ -162,7 +144,7 @@ export class WindowSearch {
     const snapped = regions.length > 0 ? yield* this.#proposer.snapped(regions[0]) : [];
     const panels = [...panelsOf(edges), ...panelsOf(first)];
     const between = PICTURE_SHARES.flatMap((share) =>
-      panels.map((panel) => betweenBars(panel, share)),
+      panels.map((panel) => aboutMiddle(panel, share, 1)),
     );
     const bounded =
       (yield* this.#weighCoarsely([...snapped, ...regions, ...between])) ??
@@ -174,7 +156,8 @@ export class WindowSearch {
       const found = yield* this.#weighCoarsely(yield* edges);
       if (found !== null) return found;
     }
-    const barred = [...between.slice(0, BARRED), ...regions.slice(0, 1).map(withBars)];
+    const films = regions.slice(0, 1).map((region) => aboutMiddle(region, 1, WITH_BARS));
+    const barred = [...between.slice(0, BARRED), ...films];
     return (
       (yield* this.#fit(barred)) ??
       (yield* this.#fit(waysUp(regions.slice(1)))) ??
