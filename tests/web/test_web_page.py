@@ -1,5 +1,6 @@
 """The page in Chromium: what it shows, and that it reads films and cameras."""
 
+import functools
 import json
 import re
 import shutil
@@ -317,11 +318,15 @@ def test_a_phone_loads_no_more_than_promised(site) -> None:
     assert all(name in worker for name in files - {"serviceWorker.js"})
 
 
-def toggling(message: bytes, count: int, *, signed: bool = False) -> list[np.ndarray]:
-    """Frames, 30 a second, of a display that shows the preset robust, 15 states a second."""
+KEY = bytes(range(32))
+
+
+@functools.cache
+def signed_film() -> list[np.ndarray]:
+    """A second of a display that shows "Hello", signed, by the preset robust."""
     layout = PRESETS["robust"].layout
-    bits = encode(message, layout.n_bits, signed=signed)
-    return filmed(layout, count, seed=3, message=bits)[0]
+    bits = encode(sign(b"Hello", KEY, 7), layout.n_bits, signed=True)
+    return filmed(layout, 30, seed=3, message=bits)[0]
 
 
 ONES = (1 << 16, 1 << 16, 1 << 30) * 3
@@ -347,8 +352,7 @@ def reader(browser, address):
     """
     url, folder = address
     film = folder / "film.mp4"
-    signed = sign(b"Hello", bytes(range(32)), 7)
-    write_film(film, toggling(signed, 40, signed=True))
+    write_film(film, signed_film())
     turn_upright(film)
     film.rename(folder / "coded")
     with open_page(browser, width=1280) as page:
@@ -508,11 +512,10 @@ def test_what_the_camera_sees_is_read_and_can_be_saved(browser, address, tmp_pat
 
 
 def test_only_messages_with_the_key_are_shown(reader, tmp_path) -> None:
-    (tmp_path / "key").write_bytes(bytes(range(32)))
+    (tmp_path / "key").write_bytes(KEY)
     (tmp_path / "other").write_bytes(bytes(32))
     (tmp_path / "short").write_bytes(bytes(3))
-    message = sign(b"Hi", bytes(range(32)), 7)
-    write_film(tmp_path / "film.mkv", toggling(message, 40, signed=True))
+    write_film(tmp_path / "film.mkv", signed_film())
     reader.locator("summary").click()
     age = reader.get_by_label("largest age of a message")
     assert age.is_disabled()  # only a message with a key has an age
@@ -524,7 +527,7 @@ def test_only_messages_with_the_key_are_shown(reader, tmp_path) -> None:
     assert text_of(reader, "advice").startswith("The tag does not fit; made without")
     assert text_of(reader, "message") == ""
     reader.locator("#key").set_input_files(tmp_path / "key")
-    wait_for(reader, lambda: text_of(reader, "message") == "Hi")
+    wait_for(reader, lambda: text_of(reader, "message") == "Hello")
     assert text_of(reader, "seal") == "It was sent with your key; stamp 7."
     for wrong in ("0", "-3", "1e300"):
         age.fill(wrong)
