@@ -458,11 +458,13 @@ def test_a_camera_that_falls_silent_is_said_and_can_be_started_again(browser, ad
     """Help comes after ten seconds in vain; the display is kept on again, the camera remembered."""
     flags = ["--use-fake-device-for-media-stream=device-count=3", ALLOWED]
     with open_page(browser, flags, worker=answering({})) as page:
+        page.clock.install()
         page.add_init_script(ODD_CAMERA)
         page.goto(address[0])
         wait_for(page, lambda: text_of(page, "status") == "Looking for the display")
         assert page.locator("#how").is_visible() and not page.locator("#vain").is_visible()
         page.evaluate("window.silent = true")
+        page.clock.fast_forward(3_000)
         wait_for(page, lambda: text_of(page, "status") == "The camera sends no pictures", 5)
         assert page.get_by_role("button", name="Start the camera again").is_visible()
         page.evaluate("window.silent = false")
@@ -470,7 +472,8 @@ def test_a_camera_that_falls_silent_is_said_and_can_be_started_again(browser, ad
         wait_for(page, lambda: not page.locator("#start").is_visible())
         page.evaluate("document.dispatchEvent(new Event('visibilitychange'))")
         assert page.evaluate("locks.length") == 2
-        wait_for(page, lambda: page.locator("#vain").is_visible(), 15)
+        page.clock.fast_forward(10_000)
+        wait_for(page, lambda: page.locator("#vain").is_visible(), 5)
         assert not page.locator("#how").is_visible()
         choice = page.locator("#controls select")
         chosen = choice.locator("option").last.get_attribute("value")
