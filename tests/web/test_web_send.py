@@ -498,7 +498,7 @@ def test_nobody_is_shut_out(name: str, says: str, address: str, browser: Browser
 
     The page that reads has a worker that finds a long address in every film.
     """
-    long = "https://example.org/" + "a" * 100
+    long = "https://example.org/" + "a" * 500
     with open_page(browser, worker=answering(arrived(long))) as page:
         page.goto(address.replace("send.html", name))
         for summary in page.locator("summary").all():
