@@ -7,6 +7,7 @@ import av
 import numpy as np
 
 FRAMES, RATE = 12, 6
+QUICKLY = {"deadline": "realtime", "cpu-used": "8"}
 
 
 def write_moving(file: Path, width: int, height: int) -> Path:
@@ -14,7 +15,7 @@ def write_moving(file: Path, width: int, height: int) -> Path:
     rng = np.random.default_rng(0)
     ramp = np.linspace(0, 255, width)[None, :, None]
     with av.open(file, "w") as out:
-        stream = out.add_stream("libvpx", RATE)
+        stream = out.add_stream("libvpx", RATE, options=QUICKLY)
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
         stream.bit_rate = 4_000_000
         for number in range(FRAMES):

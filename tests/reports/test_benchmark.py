@@ -12,7 +12,7 @@ from data_gen.frame_pair import Source
 from examples import lightnet
 from link.layout import make_layout
 from link.presets import PRESETS
-from reports import benchmark
+from reports import benchmark, films
 from reports.benchmark import benchmark_conditions
 from reports.engine.methods import Method
 from reports.engine.predict import Condition, paper_cells
@@ -62,7 +62,8 @@ def test_pictures_are_equalised_in_place_of_ratex_patches_alone() -> None:
 
 
 @pytest.mark.slow
-def test_films_of_patches_say_what_the_patches_displayed() -> None:
+def test_films_of_patches_say_what_the_patches_displayed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(films, "SECONDS", 0.8)
     (condition,) = film_conditions(["paper:30"], ["canon-lg"], [0.0], 1, 0)
     captured = condition.source.observe(condition.cells[0], 0, False)
     assert captured.kappa == PRESETS["paper"].kappa

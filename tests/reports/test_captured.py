@@ -1,5 +1,6 @@
 """Own films and photographs become captures with the right truth, or are refused."""
 
+import functools
 import json
 from dataclasses import replace
 from itertools import pairwise
@@ -28,6 +29,7 @@ from link.presets import PRESETS
 from receiver.reading.reader import DecodedPair
 from receiver.reading.shown import States
 from receiver.reading.states import DisplayState
+from reports.captured import door
 from reports.captured.door import (
     Recordings,
     bench_part,
@@ -268,6 +270,7 @@ def test_a_film_is_evaluated_and_goes_on_where_it_was_cut_off(
         write_image(frames / f"{number:03d}.png", frame.rgb)
     sent = Sent(settings.layout, settings.kappa, filmed.bits.astype(np.int64), "digest")
     monkeypatch.setattr("reports.captured.door.read_sent", lambda path: (sent,))
+    monkeypatch.setattr(door, "watch", functools.cache(door.watch))  # which two runs would do
     out = tmp_path / "run"
     run = ["--captures", frames, "--sent", tmp_path / "player.html", "--out", out, "--jobs", 1]
     run += ["--methods", "naive", "oorc"]

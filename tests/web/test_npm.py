@@ -7,7 +7,7 @@ import subprocess
 import tarfile
 import time
 from hashlib import sha256
-from itertools import islice
+from itertools import cycle, islice
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ import PIL.Image
 import pytest
 import skimage.data
 from browser import serve_folder, wait_for
-from conftest import OpenWindow, run_process
+from conftest import OpenWindow, cases, exhaustive, run_process
 from pilot_films import TEXT, robust_film
 
 from link.images.files import read_image
@@ -162,10 +162,10 @@ STATES = """
 import { createHash } from "node:crypto";
 import { readFileSync } from "node:fs";
 import { hiddenStates, load } from "oorc-receiver";
-const { pictures, presets, message, most } = JSON.parse(readFileSync("asked.json", "utf8"));
+const { pictures, message, most } = JSON.parse(readFileSync("asked.json", "utf8"));
 await load();
 const told = [];
-for (const { name, width, height } of pictures) {
+for (const { name, width, height, presets } of pictures) {
   const picture = { width, height, data: readFileSync(name) };
   for (const preset of presets) {
     for (const state of hiddenStates(picture, new TextEncoder().encode(message), { preset })) {
@@ -201,22 +201,30 @@ def pictures_of_many_kinds() -> dict[str, Image]:
 
 
 @pytest.mark.slow
-def test_states_are_those_of_python_in_every_pixel(npm_package: Path, tmp_path: Path) -> None:
+@cases("in turn", exhaustive("all"))
+def test_states_are_those_of_python_in_every_pixel(
+    presets: str, npm_package: Path, tmp_path: Path
+) -> None:
+    """Of the photograph in all presets, and of each other picture in one, in turn, or in all."""
     pictures = pictures_of_many_kinds()
+    shown_in = {name: list(PRESETS) for name in pictures}
+    if presets == "in turn":
+        turns = zip(pictures, cycle(PRESETS), strict=False)
+        shown_in |= {name: [preset] for name, preset in turns if name != "photograph"}
     (tmp_path / "node_modules").symlink_to(npm_package)
     (tmp_path / "states.mjs").write_text(STATES)
     asked = [
-        {"name": name, "width": picture.shape[1], "height": picture.shape[0]}
+        {
+            "name": name,
+            "width": picture.shape[1],
+            "height": picture.shape[0],
+            "presets": shown_in[name],
+        }
         for name, picture in pictures.items()
     ]
     for name, picture in pictures.items():
         (tmp_path / name).write_bytes(picture.tobytes())
-    wanted = {
-        "pictures": asked,
-        "presets": list(PRESETS),
-        "message": "Gr\u00fc\u00dfe",
-        "most": MOST,
-    }
+    wanted = {"pictures": asked, "message": "Gr\u00fc\u00dfe", "most": MOST}
     (tmp_path / "asked.json").write_text(json.dumps(wanted))
     told = json.loads(run_process("node", "states.mjs", cwd=tmp_path).stdout)
     made = []
@@ -225,7 +233,7 @@ def test_states_are_those_of_python_in_every_pixel(npm_package: Path, tmp_path: 
         if picture.shape[2:] == (4,):
             PIL.Image.fromarray(picture).save(tmp_path / f"{name}.png")
             given = read_image(tmp_path / f"{name}.png")
-        for preset in PRESETS:
+        for preset in shown_in[name]:
             states = hidden_states(given, "Gr\u00fc\u00dfe".encode(), preset=preset)
             for state in islice(states, MOST):
                 opaque = np.dstack([state, np.full(state.shape[:2], 255, np.uint8)])

@@ -160,7 +160,7 @@ def test_clocks_are_tried_at_shifts_of_a_display(port: Port) -> None:
 @pytest.mark.slow
 def test_a_coded_film_is_read_with_its_clock(port: Port) -> None:
     """Scores of the same frame pairs, by their numbers modulo the code's period."""
-    images, _ = filmed(LAYOUT, 100, seed=4, hold=1)  # fewer frame pairs than the code has
+    images, _ = filmed(LAYOUT, 64, seed=4, hold=1)  # fewer frame pairs than the code has
     decoder = Decoder(GRAPH, threads=1, time_limit_s=60)
     decoder.layout = LAYOUT
     receiver = Receiver([decoder], FPS, FilmGraph(FILM_GRAPH, 1))

@@ -77,7 +77,7 @@ def test_programs_of_a_wrong_type_are_said_and_the_own_server_has_the_right_one(
     with serve_folder(site, TextHost) as url:
         page.goto(url)
         assert not page.locator("#trouble").is_visible()  # perhaps it is merely slow
-        page.wait_for_timeout(5000)
+        page.evaluate("for (const each of document.getAnimations()) each.currentTime = 5000")
         assert page.locator("#trouble").is_visible()
         assert "text/javascript" in text_of(page, "trouble")
     assert SiteHandler.guess_type(SiteHandler.__new__(SiteHandler), "page.js") == "text/javascript"

@@ -1,5 +1,6 @@
 """The page in Chromium: what it shows, and that it reads films and cameras."""
 
+import functools
 import json
 import re
 import shutil
@@ -279,7 +280,7 @@ def test_a_damaged_film_is_said_to_be_damaged(browser, address) -> None:
             assert why in text_of(page, "advice")
 
 
-def test_every_control_has_a_name_and_the_tab_key_reaches_it(browser, short_film) -> None:
+def test_the_tab_key_reaches_every_control(browser, short_film) -> None:
     with received(browser, short_film, "https://example.org") as page:
         page.locator("summary").click()
         reached = set()
@@ -289,20 +290,6 @@ def test_every_control_has_a_name_and_the_tab_key_reaches_it(browser, short_film
                 page.evaluate("document.activeElement.id || document.activeElement.tagName")
             )
         assert {"open", "copy", "keep", "again", "start", "SUMMARY", "film", "key"} <= reached
-        for control in page.locator("button:visible, input:visible, a:visible").all():
-            name = control.evaluate(
-                "element => element.textContent || element.labels?.[0]?.textContent || ''"
-            )
-            assert name.strip()
-
-
-def test_nothing_is_wider_than_the_window(browser, short_film) -> None:
-    long = "https://example.org/" + "a" * 500
-    with received(browser, short_film, long) as page:
-        page.locator("summary").click()
-        for width in (320, 390, 1280):
-            page.set_viewport_size({"width": width, "height": 800})
-            assert page.evaluate("document.documentElement.scrollWidth") <= width
 
 
 # The real worker
@@ -317,11 +304,15 @@ def test_a_phone_loads_no_more_than_promised(site) -> None:
     assert all(name in worker for name in files - {"serviceWorker.js"})
 
 
-def toggling(message: bytes, count: int, *, signed: bool = False) -> list[np.ndarray]:
-    """Frames, 30 a second, of a display that shows the preset robust, 15 states a second."""
+KEY = bytes(range(32))
+
+
+@functools.cache
+def signed_film() -> list[np.ndarray]:
+    """A second of a display that shows "Hello", signed, by the preset robust."""
     layout = PRESETS["robust"].layout
-    bits = encode(message, layout.n_bits, signed=signed)
-    return filmed(layout, count, seed=3, message=bits)[0]
+    bits = encode(sign(b"Hello", KEY, 7), layout.n_bits, signed=True)
+    return filmed(layout, 30, seed=3, message=bits)[0]
 
 
 ONES = (1 << 16, 1 << 16, 1 << 30) * 3
@@ -347,8 +338,7 @@ def reader(browser, address):
     """
     url, folder = address
     film = folder / "film.mp4"
-    signed = sign(b"Hello", bytes(range(32)), 7)
-    write_film(film, toggling(signed, 40, signed=True))
+    write_film(film, signed_film())
     turn_upright(film)
     film.rename(folder / "coded")
     with open_page(browser, width=1280) as page:
@@ -454,11 +444,13 @@ def test_a_camera_that_falls_silent_is_said_and_can_be_started_again(browser, ad
     """Help comes after ten seconds in vain; the display is kept on again, the camera remembered."""
     flags = ["--use-fake-device-for-media-stream=device-count=3", ALLOWED]
     with open_page(browser, flags, worker=answering({})) as page:
+        page.clock.install()
         page.add_init_script(ODD_CAMERA)
         page.goto(address[0])
         wait_for(page, lambda: text_of(page, "status") == "Looking for the display")
         assert page.locator("#how").is_visible() and not page.locator("#vain").is_visible()
         page.evaluate("window.silent = true")
+        page.clock.fast_forward(3_000)
         wait_for(page, lambda: text_of(page, "status") == "The camera sends no pictures", 5)
         assert page.get_by_role("button", name="Start the camera again").is_visible()
         page.evaluate("window.silent = false")
@@ -466,7 +458,8 @@ def test_a_camera_that_falls_silent_is_said_and_can_be_started_again(browser, ad
         wait_for(page, lambda: not page.locator("#start").is_visible())
         page.evaluate("document.dispatchEvent(new Event('visibilitychange'))")
         assert page.evaluate("locks.length") == 2
-        wait_for(page, lambda: page.locator("#vain").is_visible(), 15)
+        page.clock.fast_forward(10_000)
+        wait_for(page, lambda: page.locator("#vain").is_visible(), 5)
         assert not page.locator("#how").is_visible()
         choice = page.locator("#controls select")
         chosen = choice.locator("option").last.get_attribute("value")
@@ -508,11 +501,10 @@ def test_what_the_camera_sees_is_read_and_can_be_saved(browser, address, tmp_pat
 
 
 def test_only_messages_with_the_key_are_shown(reader, tmp_path) -> None:
-    (tmp_path / "key").write_bytes(bytes(range(32)))
+    (tmp_path / "key").write_bytes(KEY)
     (tmp_path / "other").write_bytes(bytes(32))
     (tmp_path / "short").write_bytes(bytes(3))
-    message = sign(b"Hi", bytes(range(32)), 7)
-    write_film(tmp_path / "film.mkv", toggling(message, 40, signed=True))
+    write_film(tmp_path / "film.mkv", signed_film())
     reader.locator("summary").click()
     age = reader.get_by_label("largest age of a message")
     assert age.is_disabled()  # only a message with a key has an age
@@ -524,7 +516,7 @@ def test_only_messages_with_the_key_are_shown(reader, tmp_path) -> None:
     assert text_of(reader, "advice").startswith("The tag does not fit; made without")
     assert text_of(reader, "message") == ""
     reader.locator("#key").set_input_files(tmp_path / "key")
-    wait_for(reader, lambda: text_of(reader, "message") == "Hi")
+    wait_for(reader, lambda: text_of(reader, "message") == "Hello")
     assert text_of(reader, "seal") == "It was sent with your key; stamp 7."
     for wrong in ("0", "-3", "1e300"):
         age.fill(wrong)

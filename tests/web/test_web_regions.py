@@ -152,7 +152,7 @@ def behind_a_lattice(images: list[Image]) -> list[Image]:
 @pytest.mark.slow
 def test_a_display_is_read_whose_edges_are_lost_among_others(port: Port) -> None:
     layout = PRESETS["robust"].layout
-    images, _ = filmed(layout, 90, seed=2, message=encode(TEXT, layout.n_bits))
+    images, _ = filmed(layout, 60, seed=2, message=encode(TEXT, layout.n_bits))
     receiver = port("receiver/receiver.js").Receiver([layout], page_graphs(port), 30)
     frames = enumerate(behind_a_lattice(images))
     found = (receiver.push(image, number / 30).message for number, image in frames)
@@ -166,7 +166,7 @@ def test_a_map_that_fails_is_told_once_and_the_search_goes_on(port: Port) -> Non
     graphs = {**page_graphs(port), "region": damaged}
     receiver = port("receiver/receiver.js").Receiver([layout], graphs, 30)
     still, failures = filmed(layout, 16, seed=3, hold=10**6)[0], []
-    for number, image in enumerate([*still, *robust_film(40)[0]]):
+    for number, image in enumerate([*still, *robust_film(30)[0]]):
         try:
             step = receiver.push(image, number / 30)
         except PortError as error:
