@@ -16,7 +16,7 @@ import numpy as np
 import PIL.Image
 import pytest
 from browser import PATIENCE_S, serve_folder, text_of, wait_for
-from conftest import OpenWindow, cases, exhaustive, slow
+from conftest import OpenWindow, cases
 from moving import write_moving
 from pilot_films import CORNERS
 from playwright.sync_api import Browser, Page
@@ -38,7 +38,7 @@ from sender.player import write_film_player, write_player
 from web.host.demo import MESSAGE
 from web.host.site import WEB
 from web.host.tables import send_preset
-from web.package.api import Receiver, hidden_states
+from web.package.api import Receiver
 
 KEY = bytes(range(32))
 PACKED = ("offsets", "patches", "pictures", "steps")
@@ -108,29 +108,6 @@ def test_loops_are_those_of_python(
     content = {"data": message, "signed": signed}
     found = vars(port("sender/loop.js").makeLoop(table, content, given))
     assert unpacked(found) == sent_loop(tmp_path / "player.html")
-
-
-@cases(
-    ("paper", (512, 384), b"Hi"),
-    ("hidden", (384, 512), b"Hi"),
-    slow("hidden", (512, 384), bytes(3_200)),  # of 80 pairs, broken off where the code ends
-    exhaustive("fast", (802, 600), b"Hi"),
-    slow("robust", (386, 514), b"Hi"),
-)
-def test_states_are_those_of_python(
-    name: str, size: tuple[int, int], message: bytes, port: Port
-) -> None:
-    drawn, sender = picture(*size), port("sender/loop.js")
-    table = json.loads(json.dumps(send_preset(name, PRESETS[name])))
-    offsets = sender.unpacked(table["loop"]["offsets"], 3)
-    content = {"data": message, "signed": False}
-    given = {"width": size[0], "height": size[1], "data": drawn.reshape(-1)}
-    found = iter(port("sender/states.js").statesOf(table, offsets, content, given))
-    expected = hidden_states(drawn, message, preset=name)
-    for state, (shown, _) in zip(expected, zip(found, range(40), strict=False), strict=False):
-        assert (shown[:, :, :3] == state).all()
-        assert (shown[:, :, 3] == 255).all()
-    assert sum(1 for _ in expected) == sum(1 for _ in found)
 
 
 # The page in Chromium
