@@ -61,7 +61,8 @@ class WindowSearch:
         self.watch = watch
         self._proposer = Proposer(watch, layouts)
         self._leaving: list[Array] = []  # what may bound a display partly in view, by what toggles
-        self._hints: list[tuple[float, Corners]] = []  # evidence less than promising, and where
+        # quadrilaterals of evidence that is less than promising: it, and the likeliest corners
+        self._hints: dict[bytes, tuple[float, Corners]] = {}
         self.has_looked = False
         """Whether edges have been weighed coarsely at all."""
         self.is_late = False
@@ -171,7 +172,7 @@ class WindowSearch:
                 if found := (yield from self._weigh_and_verify(proposal)):
                     return found
             elif evidence > HINT:
-                self._hints.append((evidence, proposal.corners))
+                self._hints[quad.tobytes()] = evidence, proposal.corners
             if number % WEIGHED_AT_ONCE == WEIGHED_AT_ONCE - 1:
                 yield 1
         return None
@@ -197,8 +198,9 @@ class WindowSearch:
 
     def _best_hints(self) -> list[Corners]:
         """Take what was weighed coarsely and is likeliest of what is less than promising."""
-        hints, self._hints = sorted(self._hints, key=lambda hint: -hint[0]), []
-        return [corners for _, corners in hints[:HINTS]]
+        hints = sorted(self._hints.values(), key=lambda hint: -hint[0])[:HINTS]
+        self._hints = {}
+        return [corners for _, corners in hints]
 
     def _weigh_and_verify(self, proposal: Proposal) -> Search:
         """Weigh a proposal by all frames so far, and verify it."""

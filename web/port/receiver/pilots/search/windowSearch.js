@@ -32,8 +32,12 @@ export class WindowSearch {
   #proposer;
   /** What may bound a display partly in view, by what toggles, the likeliest first. @type {Point[][]} */
   #leaving = [];
-  /** What has evidence that is less than promising. @type {{ evidence: number, corners: Point[] }[]} */
-  #hints = [];
+  /**
+   * Quadrilaterals of evidence that is less than promising: it, and the likeliest corners.
+   *
+   * @type {Map<Point[], { evidence: number, corners: Point[] }>}
+   */
+  #hints = new Map();
   /** Whether edges have been weighed coarsely at all. */
   hasLooked = false;
   /** Whether edges have been weighed coarsely in all frames that are watched. */
@@ -177,7 +181,7 @@ export class WindowSearch {
       if (evidence > PROMISING) {
         const found = yield* this.#weighAndVerify(proposal);
         if (found !== null) return found;
-      } else if (evidence > HINT) this.#hints.push({ evidence, corners: proposal.corners });
+      } else if (evidence > HINT) this.#hints.set(quad, { evidence, corners: proposal.corners });
     }
     return null;
   }
@@ -202,9 +206,9 @@ export class WindowSearch {
 
   /** Take what was weighed coarsely and is likeliest of what is less than promising. */
   #bestHints() {
-    const hints = this.#hints.sort((one, other) => other.evidence - one.evidence).slice(0, HINTS);
-    this.#hints = [];
-    return hints.map(({ corners }) => corners);
+    const hints = [...this.#hints.values()].sort((one, other) => other.evidence - one.evidence);
+    this.#hints.clear();
+    return hints.slice(0, HINTS).map(({ corners }) => corners);
   }
 
   /**
