@@ -142,21 +142,16 @@ class WindowSearch:
         between = [about_middle(panel, across=share) for share, panel in shapes]
         if found := (yield from self._weigh_coarsely([*snapped, *regions, *between])):
             return found
-        if found := (yield from self._fit(ways_up(self._leaving[:LEAVING_AT_ONCE]))):
-            return found
-        if found := (yield from self._fit(self._best_hints())):
-            return found
-        if found := (yield from self._fit(ways_up([*regions[:1], *edges[:1]]))):
+        leaving = ways_up(self._leaving[:LEAVING_AT_ONCE])
+        likeliest = chain(leaving, self._best_hints(), ways_up([*regions[:1], *edges[:1]]))
+        if found := (yield from self._fit(likeliest)):
             return found
         for quads in faint:
             if found := (yield from self._weigh_coarsely(quads)):
                 return found
         barred = [*between[:BARRED], *(about_middle(each, down=WITH_BARS) for each in regions[:1])]
-        if found := (yield from self._fit(barred)):
-            return found
-        if found := (yield from self._fit(ways_up(regions[1:]))):
-            return found
-        return (yield from self._fit(ways_up(regions[:1], likely=False)))
+        last = barred, ways_up(regions[1:]), ways_up(regions[:1], likely=False)
+        return (yield from self._fit(chain(*last)))
 
     def _weigh_coarsely(self, quads: Sequence[Array], count: int | None = None) -> Search:
         """Weigh quadrilaterals coarsely, and verify each that is promising.

@@ -5,7 +5,7 @@
  */
 
 import { receiverPilotsSearchRegions } from "../../../../generated/constants.js";
-import { homographyFromCorners, sideLengths, transform } from "../../../link/geometry.js";
+import { frameCorners, homographyFromCorners, sideLengths, transform } from "../../../link/geometry.js";
 import { isNested, rolled } from "../../locate/quads.js";
 
 const {
@@ -74,8 +74,8 @@ export function leavingRegions(quads, logOdds, width) {
  *   or turned to the left
  */
 export function aboutMiddle(outline, across, down) {
-  const [x, y] = [across / 2, down / 2];
-  return transform(homographyFromCorners(lying(outline), 1, 1), [[-x, -y], [x, -y], [x, y], [-x, y]]);
+  const places = frameCorners(1, 1).map(([x, y]) => /** @type {Point} */ ([x * across, y * down]));
+  return transform(homographyFromCorners(lying(outline), 1, 1), places);
 }
 
 /**

@@ -152,9 +152,11 @@ export class WindowSearch {
     );
     const bounded =
       (yield* this.#weighCoarsely([...snapped, ...regions, ...between])) ??
-      (yield* this.#fit(waysUp(leaving.slice(0, LEAVING_AT_ONCE)))) ??
-      (yield* this.#fit(this.#bestHints())) ??
-      (yield* this.#fit(waysUp([...regions.slice(0, 1), ...edges.slice(0, 1)])));
+      (yield* this.#fit([
+        ...waysUp(leaving.slice(0, LEAVING_AT_ONCE)),
+        ...this.#bestHints(),
+        ...waysUp([...regions.slice(0, 1), ...edges.slice(0, 1)]),
+      ]));
     if (bounded !== null) return bounded;
     for (const edges of withoutDetails) {
       const found = yield* this.#weighCoarsely(yield* edges);
@@ -162,11 +164,11 @@ export class WindowSearch {
     }
     const films = regions.slice(0, 1).map((region) => aboutMiddle(region, 1, WITH_BARS));
     const barred = [...between.slice(0, BARRED), ...films];
-    return (
-      (yield* this.#fit(barred)) ??
-      (yield* this.#fit(waysUp(regions.slice(1)))) ??
-      (yield* this.#fit(waysUp(regions.slice(0, 1), false)))
-    );
+    return yield* this.#fit([
+      ...barred,
+      ...waysUp(regions.slice(1)),
+      ...waysUp(regions.slice(0, 1), false),
+    ]);
   }
 
   /**
