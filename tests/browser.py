@@ -1,4 +1,4 @@
-"""Chromium without a window, and a server of the folder that it shows."""
+"""Chromium without a window, pages that it opens, and a server of the folder that it shows."""
 
 import shutil
 import threading
@@ -57,6 +57,34 @@ def serve_folder(folder: Path, kind: type[QuietHandler] = QuietHandler) -> Itera
             yield f"http://127.0.0.1:{server.server_port}/"
         finally:
             server.shutdown()
+
+
+@contextmanager
+def open_page(browser, flags=(), worker=None, width=390, height=844, offline=False, **more):
+    """Open a window, in a browser of its own with flags; ``worker`` stands in for the page's."""
+    program, all_flags = find_browser(), [*BROWSER_FLAGS, *flags]
+    own = browser.browser_type.launch(executable_path=program, args=all_flags) if flags else browser
+    services = "allow" if offline else "block"
+    context = own.new_context(
+        viewport={"width": width, "height": height}, service_workers=services, **more
+    )
+    page = context.new_page()
+    page.dialogs = []
+    page.on("dialog", lambda dialog: (page.dialogs.append(dialog.message), dialog.dismiss()))
+    page.requested = []
+    page.on("request", lambda request: page.requested.append(request.url))
+    page.errors = []
+    page.on("pageerror", lambda error: page.errors.append(str(error)))
+    if worker is not None:
+        script = {"content_type": "text/javascript", "body": worker}
+        page.route("**/worker.js*", lambda route: route.fulfill(**script))
+    try:
+        yield page
+        assert page.dialogs == page.errors == []
+    finally:
+        context.close()
+        if flags:
+            own.close()
 
 
 def text_of(page: "Page", name: str) -> str:

@@ -14,14 +14,14 @@ import av
 import cv2
 import numpy as np
 import pytest
-from browser import BROWSER_FLAGS, PATIENCE_S, find_browser, serve_folder, text_of, wait_for
+from browser import PATIENCE_S, open_page, serve_folder, text_of, wait_for
 from pilot_films import TEXT, filmed, robust_film
+from stand_in import CORNERS, answering, arrived, with_comlink
 from web_films import limited, write_film, write_y4m
 
 from link.code.authenticate import sign
 from link.code.framing import encode
 from link.presets import PRESETS
-from web.host.site import WEB
 
 pytestmark = pytest.mark.slow
 
@@ -37,77 +37,6 @@ def address(site, tmp_path_factory) -> Iterator[tuple[str, Path]]:
     shutil.copytree(site, folder, dirs_exist_ok=True)
     with serve_folder(folder) as url:
         yield url, folder
-
-
-@contextmanager
-def open_page(browser, flags=(), worker=None, width=390, height=844, offline=False, **more):
-    """Open a window, in a browser of its own with flags; ``worker`` stands in for the page's."""
-    program, all_flags = find_browser(), [*BROWSER_FLAGS, *flags]
-    own = browser.browser_type.launch(executable_path=program, args=all_flags) if flags else browser
-    services = "allow" if offline else "block"
-    context = own.new_context(
-        viewport={"width": width, "height": height}, service_workers=services, **more
-    )
-    page = context.new_page()
-    page.dialogs = []
-    page.on("dialog", lambda dialog: (page.dialogs.append(dialog.message), dialog.dismiss()))
-    page.requested = []
-    page.on("request", lambda request: page.requested.append(request.url))
-    page.errors = []
-    page.on("pageerror", lambda error: page.errors.append(str(error)))
-    if worker is not None:
-        script = {"content_type": "text/javascript", "body": worker}
-        page.route("**/worker.js*", lambda route: route.fulfill(**script))
-    try:
-        yield page
-        assert page.dialogs == page.errors == []
-    finally:
-        context.close()
-        if flags:
-            own.close()
-
-
-# The page with a worker that answers as the test says
-
-WORKER = """
-let answers = %s;
-const usual = { last: false, width: 64, height: 48, corners: null, preset: null,
-  synchronised: false, progress: 0, level: 120, clipped: 0, cut: false, explanation: "",
-  found: 0, neededFps: 0,
-  arrival: null };
-async function answered(last) {
-  const answer = answers.length > 1 ? answers.shift() : answers[0];
-  if (answer.arrival) answer.arrival.data = new TextEncoder().encode(answer.arrival.text);
-  await new Promise((resolve) => setTimeout(resolve, 30));
-  return { ...usual, last: last && !answer.arrival, ...answer };
-}
-expose({
-  load() {},
-  warm() {},
-  start() {},
-  record: () => null,
-  finish: () => answered(true),
-  take({ frame }) {
-    frame?.close();
-    return answered(false);
-  },
-});
-"""
-CORNERS = [[10, 8], [50, 6], [52, 40], [9, 41]]
-
-
-def with_comlink(script: str) -> str:
-    """Put the library through which the page calls its worker before a script."""
-    return (WEB / "node_modules/comlink/dist/esm/comlink.mjs").read_text() + script
-
-
-def answering(*answers) -> str:
-    return with_comlink(WORKER % json.dumps(answers))
-
-
-def arrived(text: str, **more) -> dict:
-    arrival = {"text": text, "refused": None, "stale": False, "stamp": None, **more}
-    return {"progress": 1, "corners": CORNERS, "synchronised": True, "arrival": arrival}
 
 
 @pytest.fixture(scope="module")

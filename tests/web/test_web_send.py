@@ -15,13 +15,13 @@ import cv2
 import numpy as np
 import PIL.Image
 import pytest
-from browser import PATIENCE_S, serve_folder, text_of, wait_for
+from browser import PATIENCE_S, open_page, serve_folder, text_of, wait_for
 from conftest import OpenWindow, cases
 from moving import write_moving
 from pilot_films import CORNERS
 from playwright.sync_api import Browser, Page
 from port import Port, same
-from test_web_page import answering, arrived, open_page
+from stand_in import answering, arrived
 from web_films import write_film
 
 from link.code.authenticate import sign
