@@ -35,9 +35,9 @@ WITH_BARS = 1.26
 """Height of a display as a share of the height of a wide film between black bars above and below:
 from 1.18 to 1.4 for films of 2.1 to 2.5 times their height in displays of 16:9. The pilots' fit
 reaches the others."""
-PICTURE_SHARES = (3 / 4, 27 / 32, 9 / 16, 81 / 256)
-"""Widths of pictures of 4:3, 3:2, 1:1 and 9:16 between black bars to their left and right, as
-shares of the width of a display of 16:9."""
+PICTURE_SHARES = (3 / 4, 27 / 32, 9 / 10, 9 / 16, 81 / 256)
+"""Widths of pictures of 4:3, 3:2, 16:10, 1:1 and 9:16 between black bars to their left and right,
+as shares of the width of a display of 16:9."""
 SURELY_LYING = 1.15
 """Ratio of width to height from which on an outline is taken to show a picture that is not turned:
 turned ones of 4:3 that are seen from 50 degrees look so. Chosen by hand."""

@@ -118,7 +118,7 @@ class WindowSearch:
         self.is_late = True
         if found := (yield from self._weigh_others(edges)):
             return found
-        partly_seen = (self._leaving or proposer.partly_seen)[:LEAVING_LATER]
+        partly_seen = (self._leaving[LEAVING_AT_ONCE:] or proposer.partly_seen)[:LEAVING_LATER]
         strongest = edges[:STRONGEST]
         last = ways_up(partly_seen), ways_up(strongest[1:]), ways_up(strongest, likely=False)
         return (yield from self._fit(chain(*last)))
