@@ -28,7 +28,10 @@ expose({
   },
 });
 """
+"""A worker that answers after 30 ms; what an answer does not say is usual. A list of answers, as
+JSON, takes the place of the format."""
 CORNERS = [[10, 8], [50, 6], [52, 40], [9, 41]]
+"""Corners of the display that the worker answers with, pixels of a frame of 64 x 48."""
 
 
 def with_comlink(script: str) -> str:

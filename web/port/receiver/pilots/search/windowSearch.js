@@ -122,8 +122,8 @@ export class WindowSearch {
     this.isLate = true;
     const found = yield* this.#others(edges);
     if (found !== null) return found;
-    const others = this.#leaving.slice(LEAVING_AT_ONCE);
-    const partlySeen = others.length > 0 ? others : proposer.partlySeen;
+    const notFitted = this.#leaving.slice(LEAVING_AT_ONCE);
+    const partlySeen = notFitted.length > 0 ? notFitted : proposer.partlySeen;
     const strongest = edges.slice(0, STRONGEST);
     return yield* this.#fit([
       ...waysUp(partlySeen.slice(0, LEAVING_LATER)),
