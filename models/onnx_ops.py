@@ -168,10 +168,11 @@ def scan(
 
         outputs: State = exported_scan(body, state, inputs, reverse=reverse)[1]
         return outputs
-    order = range(len(inputs[0]))
+    # unbind, because the gradient of each slice on its own would be as large as the input
+    slices = list(zip(*(each.unbind() for each in inputs), strict=True))
     rows = []
-    for at in reversed(order) if reverse else order:
-        results = step(*state, *(each[at] for each in inputs))
+    for now in reversed(slices) if reverse else slices:
+        results = step(*state, *now)
         state = results[:size]
         rows.append(results[size:])
     return tuple(torch.stack(row) for row in zip(*(rows[::-1] if reverse else rows), strict=True))
