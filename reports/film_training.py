@@ -72,9 +72,9 @@ class FilmTrainConfig:
         "hidden:30:moving",
         "hidden:60",
         "hidden:60:moving",
+        "hidden:120",
         "fast:60",
         "fast:60:moving",
-        "robust:30",
         "robust:30:moving",
     )
     """Films to train on, each named PRESET:FPS or PRESET:FPS:CARRIERS."""
@@ -82,15 +82,15 @@ class FilmTrainConfig:
     """Share of the films that a phone's noise reduction and video codec change."""
     start: Start = "shipped"
     """Initial constants: those of the shipped film decoder, or "constants" as the code has them."""
-    number: int = 144
+    number: int = 96
     """Number of training films, dealt out evenly to what is filmed and to the pairs."""
     held_out: int = 24
     """Number of held-out films, of test pictures, by which the result is measured."""
-    seconds: float = 1.4
+    seconds: float = 1.2
     """Length of each film, seconds; cameras below 60 frames a second film longer."""
     max_view: float = 60.0
     """Largest angle between the camera and the display's normal, degrees."""
-    steps: int = 300
+    steps: int = 250
     """Number of the optimiser's steps."""
     batch: int = 4
     """Number of windows in a step."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from link.clock import DisplayClock, embedded_share
 from link.pilot_code import PLAIN, PilotCode
 from link.types import Array
-from receiver.pilots.code import MOST_STATE_HZ, CodeSearch, longest_delay
+from receiver.pilots.code import MOST_STATE_HZ, PANEL_S, CodeSearch, longest_delay
 
 ComplexArray = NDArray[np.complex128]
 
@@ -76,6 +76,8 @@ times more after one that did not. Chosen by hand."""
 ALONG_FLAT = 0.01
 """Share of the power of the wave that is added where damping is measured, so that a number that the
 wave does not depend on stays. Chosen by hand."""
+HELD = 1e9
+"""Damping of a number that is held at its bound: so much that it does not move."""
 PRIOR = np.array([1e-6, 0.01, 0.01, 1.0, 1.0, 1.0])
 """What is known of amplitude, period, start, both delays and shutter before a fit: inverse
 variances in natural units, as multiples of what the toggles would tell at a noise of one. Delays
@@ -339,7 +341,7 @@ class ToggleWindow:
 
     def _climb(self, clocks: Array, rounds: int) -> Array:
         """Climb from each clock (Levenberg and Marquardt); clocks in order, the best first."""
-        limit, delay = self._frame, longest_delay(self._frame)
+        limit, delay = self._frame, self._frame + PANEL_S  # a camera may be held upside down
         fastest = limit / MAX_STATES if self._code == PLAIN else 1 / MOST_STATE_HZ
         low = np.array([fastest, -np.inf, -delay, -delay, LEAST_SHUTTER * limit])
         high = np.array([1 / MIN_STATE_HZ, np.inf, delay, delay, limit])
@@ -356,15 +358,23 @@ class ToggleWindow:
             fresh, fresh_right = self._linear(gram, product)
             normal = np.where(better[:, None, None], fresh, normal)
             right = np.where(better[:, None], fresh_right, right)
-            clocks = best + self._step(normal, right, damping) * self._units(best)
+            units = self._units(best)
+            clocks = best + self._step(normal, right, damping, np.zeros(best.shape)) * units
+            # what is at its bound and would leave it stays, and the others step without it
+            held = ((best <= low) & (clocks < low)) | ((best >= high) & (clocks > high))
+            clocks = best + self._step(normal, right, damping, HELD * held) * units
             clocks = np.clip(clocks, low, high)
         return np.asarray(best[np.argsort(-score)])
 
     @staticmethod
-    def _step(normal: Array, right: Array, damping: Array) -> Array:
-        """The damped step of each fit, (C, 5), in natural units."""
+    def _step(normal: Array, right: Array, damping: Array, held: NDArray[np.floating]) -> Array:
+        """The damped step of each fit, (C, 5), in natural units.
+
+        ``held`` (C, 5) is added to the damping of each of a clock's numbers.
+        """
         diagonal = np.einsum("ckk->ck", normal)
-        heavier = damping[:, None] * (diagonal + ALONG_FLAT * diagonal[:, :1]) + 1e-9
+        numbers = damping[:, None] + np.pad(held, ((0, 0), (1, 0)))
+        heavier = numbers * (diagonal + ALONG_FLAT * diagonal[:, :1]) + 1e-9
         heavier[:, 0] = 1e-9
         solution = np.linalg.solve(normal + heavier[:, :, None] * np.eye(6), right[:, :, None])[
             ..., 0

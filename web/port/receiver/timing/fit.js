@@ -19,7 +19,7 @@ import { PlaceToggles } from "./series.js";
 
 export const { MAX_STATES } = receiverTimingFit;
 const {
-  ALONG_FLAT, DAMPING, DELAY_GRID, DRIFT_HZ, EASED, LEAST_SHUTTER, LEAST_STATES, MIN_STATE_HZ,
+  ALONG_FLAT, DAMPING, DELAY_GRID, DRIFT_HZ, EASED, HELD, LEAST_SHUTTER, LEAST_STATES, MIN_STATE_HZ,
   NEIGHBOURS, PRIOR, REACH, ROUGH_DELAYS, ROUNDS, STARTS, STATES_STEP, STEP, STIFFENED,
 } = receiverTimingFit;
 
@@ -318,10 +318,20 @@ export class ToggleWindow {
         } else {
           damping *= STIFFENED;
         }
-        const step = dampedStep(linear.normal, linear.right, damping);
         const units = this.#units(best);
-        clock = best.map((value, number) =>
-          Math.min(Math.max(value + step[number] * units[number], low[number]), high[number]),
+        /** @param {number[]} held - added to the damping of each number */
+        const stepped = (held) => {
+          const step = dampedStep(linear.normal, linear.right, damping, held);
+          return best.map((value, number) => value + step[number] * units[number]);
+        };
+        // what is at its bound and would leave it stays, and the others step without it
+        const held = Array.from(stepped(low.map(() => 0)), (value, number) => {
+          const isLow = best[number] <= low[number] && value < low[number];
+          const isHigh = best[number] >= high[number] && value > high[number];
+          return isLow || isHigh ? HELD : 0;
+        });
+        clock = stepped(held).map((value, number) =>
+          Math.min(Math.max(value, low[number]), high[number]),
         );
       }
       return { best, score };
@@ -509,13 +519,15 @@ function linearised(gram, product) {
  * @param {Float64Array} normal - (6, 6)
  * @param {Float64Array} right - (6,)
  * @param {number} damping
+ * @param {number[]} held - added to the damping of each of a clock's numbers
  * @returns {number[]} of the five numbers of a clock
  */
-function dampedStep(normal, right, damping) {
+function dampedStep(normal, right, damping, held) {
   const damped = normal.slice();
   for (let k = 0; k < MOVED; k++) {
     const at = k * (MOVED + 1);
-    damped[at] += k === 0 ? 1e-9 : damping * (normal[at] + ALONG_FLAT * normal[0]) + 1e-9;
+    const ofNumber = damping + (held[k - 1] ?? 0);
+    damped[at] += k === 0 ? 1e-9 : ofNumber * (normal[at] + ALONG_FLAT * normal[0]) + 1e-9;
   }
   const [amplitude, ...slopes] = solve(damped, right);
   if (!(amplitude > 1e-6)) return slopes.map(() => 0);
