@@ -24,6 +24,7 @@ from receiver.pilots.search.regions import (
     leaving_regions,
     outline_regions,
     panels_of,
+    portrait_parts,
     ways_up,
 )
 from receiver.pilots.search.watch import Watch
@@ -59,6 +60,17 @@ def test_displays_are_outlined_as_by_python(port: Port, name: str) -> None:
         found, known = outlined(log_odds.ravel(), SIZE[1]), outline_regions(log_odds)
         assert len(found) == len(known) >= len(MAPS[name])
         same(upright(np.reshape(found, (-1, 4, 2))), upright(np.array(known)), OUTLINE_CELLS)
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_portrait_parts_are_chosen_as_by_python(port: Port, name: str) -> None:
+    chosen = port("receiver/pilots/search/regions.js").portraitParts
+    rng = np.random.default_rng(2)
+    corners = np.array([[0, 0], [30, 0], [30, 20], [0, 20]])
+    quads = corners + rng.uniform(-6, 40, (5, 1, 2)) + rng.uniform(-5, 5, (5, 4, 2))
+    log_odds = map_with(MAPS[name], 0)
+    found = chosen(quads.tolist(), log_odds.ravel(), SIZE[1])
+    same(np.array(found), np.array(portrait_parts(quads, log_odds)), OUTLINE_CELLS)
 
 
 @pytest.mark.parametrize("name", MAPS)

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
 from math import prod
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -22,7 +23,7 @@ from receiver.locate.quads import upright
 from receiver.pilots.motion import moved_corners
 from receiver.pilots.search.film import HeldFrame, positions
 from receiver.pilots.search.parts import COARSE_SIZE, coarse_shift, rough_series, shifted_togglings
-from receiver.pilots.search.regions import leaving_regions, outline_regions
+from receiver.pilots.search.regions import leaving_regions, outline_regions, portrait_parts
 from receiver.pilots.search.watch import Watch
 from receiver.pilots.toggling import TogglePattern, Wave, find_toggling
 
@@ -77,6 +78,17 @@ so that slow steps are taken for few."""
 
 PilotsSeen = list[list[NDArray[np.float32]]]
 """For each frame, the values (pilots,) of each layout's pilots, upright and upside down."""
+
+
+class Regions(NamedTuple):
+    """Quadrilaterals that bound what toggles, (4, 2) pixels of the reference; likeliest first."""
+
+    outlines: list[Array]
+    """Outlines of displays, whatever edges they have, to some blocks."""
+    leaving: list[Array]
+    """What may bound a display that leaves the image, where what toggles reaches its border."""
+    portraits: list[Array]
+    """Portrait pictures of which one side is not seen (`portrait_parts`)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,28 +164,28 @@ class Proposer:
         self.partly_seen = leaving_quads(reference, PARTLY_SEEN)
         return [*strongest, *self.partly_seen[:LEAVING]]
 
-    def regions(self) -> Steps[tuple[list[Array], list[Array]]]:
+    def regions(self, edges: Sequence[Array]) -> Steps[Regions]:
         """Propose quadrilaterals that bound what toggles.
 
-        Returns:
-            outlines of displays, whatever edges they have, to some blocks; and quadrilaterals that
-            may bound a display which leaves the image, where what toggles reaches its border.
-            (4, 2) pixels of the reference each, the likeliest first.
+        Args:
+            edges: (4, 2) quadrilaterals of edges, pixels of the reference.
         """
         watch, stills = self._watch, self._watch.stills.frames[-MAPPED:]
         if min(stills.shape[1:]) < LEAST_PX:
-            return [], []
+            return Regions([], [], [])
         log_odds = shipped_region_graph().log_odds(stills)
         yield 1
-        edges = [(watch.on_copy(quad) + 0.5) / CELL_PX for quad in self.partly_seen]
-        leaving = leaving_regions(np.reshape(edges, (-1, 4, 2)), log_odds)  # N may be 0
+        whole, partly = (  # N may be 0
+            np.reshape([(watch.on_copy(quad) + 0.5) / CELL_PX for quad in quads], (-1, 4, 2))
+            for quads in (edges, self.partly_seen)
+        )
+        leaving = leaving_regions(partly, log_odds)
         yield 1
         found = []
-        for cells in outline_regions(log_odds), leaving:
+        for cells in outline_regions(log_odds), leaving, portrait_parts(whole, log_odds):
             quads = upright(CELL_PX * np.reshape(cells, (-1, 4, 2)) - 0.5)  # N may be 0
             found.append([watch.on_image(quad) for quad in quads])
-        outlines, leaving = found
-        return outlines, leaving
+        return Regions(*found)
 
     def snapped(self, region: Array) -> list[Array]:
         """Move the sides of a region to edges that are seen, and to those of what changes.

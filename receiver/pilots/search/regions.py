@@ -38,9 +38,15 @@ reaches the others."""
 PICTURE_SHARES = (3 / 4, 27 / 32, 9 / 10, 9 / 16, 81 / 256)
 """Widths of pictures of 4:3, 3:2, 16:10, 1:1 and 9:16 between black bars to their left and right,
 as shares of the width of a display of 16:9."""
+PORTRAIT_PART = 2 * PICTURE_SHARES[-1] / (1 + PICTURE_SHARES[-1])
+"""Width of a picture of 9:16 in the middle of a display of 16:9, as a share of the width from one
+of its sides to the opposite side of the display."""
 SURELY_LYING = 1.15
 """Ratio of width to height from which on an outline is taken to show a picture that is not turned:
 turned ones of 4:3 that are seen from 50 degrees look so. Chosen by hand."""
+PORTRAITS = 3
+"""Largest number of portrait pictures that are proposed where a side of theirs is not seen. It
+bounds the work; chosen by hand."""
 STEPS = (6.0, 3.0, 1.5, 0.75, 0.4)
 """Distances, in cells, by which corners and sides are tried to be moved, one after the other: each
 about half the last one, down to a part of a cell. Chosen by hand."""
@@ -121,6 +127,37 @@ def about_middle(outline: Array, across: float = 1.0, down: float = 1.0) -> Arra
     """
     places = frame_corners(1, 1) * [across, down]
     return transform(homography_from_corners(_lying(outline), 1, 1), places)
+
+
+def portrait_parts(quads: Array, log_odds: NDArray[np.float32]) -> list[Array]:
+    """Choose portrait pictures in quadrilaterals of which three sides bound one, if any does.
+
+    Beside a picture of 9:16 the bars are wide, and a lamp that is mirrored in one of them hides
+    where the picture ends. The fourth side is then that of the display. Which side it is nobody
+    knows, so there are four pictures in each quadrilateral.
+
+    Args:
+        quads: (N, 4, 2) in cells, clockwise.
+        log_odds: (h, w) natural log-odds of each cell.
+
+    Returns:
+        at most `PORTRAITS` pictures, (4, 2) in cells, clockwise; the likeliest first.
+
+    >>> log_odds = np.full((20, 40), -2, np.float32)
+    >>> log_odds[2:18, 24:32] = 2
+    >>> bounded = np.array([[[15.0, 2], [32, 2], [32, 18], [15, 18]]])  # from bar to picture
+    >>> portrait_parts(bounded, log_odds)[0].round().tolist()
+    [[32.0, 18.0], [24.0, 18.0], [24.0, 2.0], [32.0, 2.0]]
+    """
+    at_left = frame_corners(1, 1) * [PORTRAIT_PART, 1] - [(1 - PORTRAIT_PART) / 2, 0]
+    parts = [
+        transform(homography_from_corners(np.roll(quad, -side, axis=0), 1, 1), at_left)
+        for quad in quads
+        for side in range(4)
+    ]
+    likelihoods = _within(np.reshape(parts, (-1, 4, 2)) + BEYOND_CELLS, _sums(log_odds))
+    order = np.argsort(-likelihoods, kind="stable")[:PORTRAITS]
+    return [parts[at] for at in order]
 
 
 def panels_of(quads: Sequence[Array]) -> list[Array]:

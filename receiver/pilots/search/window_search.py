@@ -135,12 +135,12 @@ class WindowSearch:
         first = next(faint)
         if found := (yield from self._weigh_coarsely(first)):
             return found
-        regions, self._leaving = yield from self._proposer.regions()
+        regions, self._leaving, portraits = yield from self._proposer.regions([*edges, *first])
         snapped = self._proposer.snapped(regions[0]) if regions else []
         panels = [*panels_of(edges), *panels_of(first)]
         shapes = product(PICTURE_SHARES, panels)
         between = [about_middle(panel, across=share) for share, panel in shapes]
-        if found := (yield from self._weigh_coarsely([*snapped, *regions, *between])):
+        if found := (yield from self._weigh_coarsely([*snapped, *regions, *portraits, *between])):
             return found
         leaving = ways_up(self._leaving[:LEAVING_AT_ONCE])
         likeliest = chain(leaving, self._best_hints(), ways_up([*regions[:1], *edges[:1]]))

@@ -12,7 +12,7 @@ from data_gen.film.message import FilmSettings, Take, film_message
 from export.parity import compare_regions
 from export.region_graph import RegionGraph, shipped_region_graph
 from link.errors import InputError
-from link.geometry import frame_corners, transform
+from link.geometry import frame_corners, homography_from_corners, transform
 from link.presets import PRESETS
 from link.types import Array
 from models import FILM_GRAPH, REGION_GRAPH
@@ -20,7 +20,12 @@ from models.region.region import DisplayRegion
 from receiver.pilots.search import proposals
 from receiver.pilots.search.pilot_search import PilotSearch
 from receiver.pilots.search.proposals import Proposer
-from receiver.pilots.search.regions import _within, leaving_regions, outline_regions
+from receiver.pilots.search.regions import (
+    _within,
+    leaving_regions,
+    outline_regions,
+    portrait_parts,
+)
 from receiver.pilots.search.watch import Watch
 
 SIZE = 45, 80
@@ -62,6 +67,21 @@ def test_an_outline_goes_on_beyond_the_image() -> None:
     assert off(left[:2], corners[[0, 3]]) < 1
     assert (left[2:, 0] > 78).all()
     assert (left[2:] <= [90, 55]).all()
+
+
+@pytest.mark.parametrize("side", range(4))
+def test_a_portrait_picture_is_found_where_one_of_its_sides_is_not_seen(side: int) -> None:
+    H = homography_from_corners(np.array([[8.0, 4], [70, 10], [66, 38], [10, 42]]), 160, 90)
+    width = 90 * 9 / 16
+    left, right = 80 - width / 2, 80 + width / 2  # of the picture, in the middle of the display
+    picture, to_bezel = (
+        transform(H, np.array([[first, 0], [last, 0], [last, 90], [first, 90]]) - 0.5)
+        for first, last in ((left, right), (left, 160.0) if side % 2 else (0.0, right))
+    )
+    other = picture + np.array([10, 0])
+    quads = np.roll(np.array([other, to_bezel]), side, axis=1)
+    first, *_ = portrait_parts(quads, map_of(picture))
+    assert off(first, picture) < 0.01
 
 
 def test_edges_of_a_display_that_leaves_the_image_are_told_from_others_by_what_toggles() -> None:

@@ -15,7 +15,7 @@ import { movedCorners } from "../motion.js";
 import { expectedChanges, picked, pilotValues, standingOut } from "../../../link/pilots.js";
 import { Wave, findToggling } from "../toggling.js";
 import { COARSE_SIZE, coarseShift, roughSeries, shiftedTogglings } from "./parts.js";
-import { leavingRegions, outlineRegions } from "./regions.js";
+import { leavingRegions, outlineRegions, portraitParts } from "./regions.js";
 
 /** @typedef {import("../../../export/regionGraph.js").RegionMapper} RegionMapper */
 /** @typedef {import("../toggling.js").Toggling} Toggling */
@@ -148,26 +148,40 @@ export class Proposer {
    * Propose quadrilaterals that bound what toggles. The map of it is awaited, whatever number of frames
    * that takes.
    *
-   * @returns {Steps<{ outlines: Point[][], leaving: Point[][] }>} outlines of displays, whatever edges
-   *   they have, to some blocks; and what may bound a display which leaves the image, where what toggles
-   *   reaches its border; the likeliest first
+   * @param {Point[][]} edges - quadrilaterals of edges, pixels of the reference frame
+   * @returns {Steps<{ outlines: Point[][], leaving: Point[][], portraits: Point[][] }>} outlines of
+   *   displays, whatever edges they have, to some blocks; what may bound a display which leaves the
+   *   image, where what toggles reaches its border; and portrait pictures of which one side is not seen
+   *   (`portraitParts`); the likeliest first
    */
-  *regions() {
+  *regions(edges) {
     const { frames, width, height } = this.#watch.stills;
-    if (Math.min(width, height) < LEAST_PX) return { outlines: [], leaving: [] };
+    if (Math.min(width, height) < LEAST_PX) return { outlines: [], leaving: [], portraits: [] };
     let logOdds = /** @type {Float32Array | null} */ (null);
     void this.#mapper.logOdds(frames.slice(-MAPPED)).then((found) => (logOdds = found));
     while (logOdds === null) yield NEXT_FRAME;
     const columns = Math.floor(width / CELL_PX);
-    const edges = this.partlySeen.map((quad) =>
-      this.#watch.onCopy(quad).map(([x, y]) => /** @type {Point} */ ([(x + 0.5) / CELL_PX, (y + 0.5) / CELL_PX])),
+    const [whole, partly] = [edges, this.partlySeen].map((quads) =>
+      quads.map((quad) => this.#onCells(quad)),
     );
-    const leaving = leavingRegions(edges, logOdds, columns);
+    const leavingCells = leavingRegions(partly, logOdds, columns);
     yield OUTLINE_WORK;
-    const outlines = outlineRegions(logOdds, columns);
+    const outlineCells = outlineRegions(logOdds, columns);
     yield OUTLINE_WORK;
-    const [first, second] = [outlines, leaving].map((quads) => quads.map((quad) => this.#ofCells(quad)));
-    return { outlines: first, leaving: second };
+    const [outlines, leaving, portraits] = [
+      outlineCells, leavingCells, portraitParts(whole, logOdds, columns),
+    ].map((quads) => quads.map((quad) => this.#ofCells(quad)));
+    return { outlines, leaving, portraits };
+  }
+
+  /**
+   * Move a quadrilateral of the reference frame into the cells of the map.
+   *
+   * @param {Point[]} quad
+   * @returns {Point[]}
+   */
+  #onCells(quad) {
+    return this.#watch.onCopy(quad).map(([x, y]) => [(x + 0.5) / CELL_PX, (y + 0.5) / CELL_PX]);
   }
 
   /**

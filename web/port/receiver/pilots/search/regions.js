@@ -10,7 +10,7 @@ import { isNested, rolled } from "../../locate/quads.js";
 
 const {
   REGIONS, LEAST_CELLS, MOST_ODDS, BEYOND_CELLS, BEYOND_ODDS, LEAVING_ODDS, STEPS,
-  SURELY_LYING, MOST_MOVES, MOVES,
+  SURELY_LYING, MOST_MOVES, MOVES, PORTRAITS, PORTRAIT_PART,
 } = receiverPilotsSearchRegions;
 
 /**
@@ -76,6 +76,29 @@ export function leavingRegions(quads, logOdds, width) {
 export function aboutMiddle(outline, across, down) {
   const places = frameCorners(1, 1).map(([x, y]) => /** @type {Point} */ ([x * across, y * down]));
   return transform(homographyFromCorners(lying(outline), 1, 1), places);
+}
+
+/**
+ * Choose portrait pictures in quadrilaterals of which three sides bound one, if any does. The fourth side
+ * is then that of the display beyond a black bar; which side it is nobody knows.
+ *
+ * @param {Point[][]} quads - in cells, clockwise
+ * @param {Float32Array} logOdds - natural log-odds of each cell
+ * @param {number} width - of the map, cells
+ * @returns {Point[][]} at most `PORTRAITS` pictures in cells, clockwise; the likeliest first
+ */
+export function portraitParts(quads, logOdds, width) {
+  const sums = sumsOf(logOdds, width);
+  const atLeft = frameCorners(1, 1).map(([x, y]) =>
+    /** @type {Point} */ ([x * PORTRAIT_PART - (1 - PORTRAIT_PART) / 2, y]),
+  );
+  return quads
+    .flatMap((quad) => quad.map((_, side) => homographyFromCorners(rolled(quad, side), 1, 1)))
+    .map((H) => transform(H, atLeft))
+    .map((quad) => ({ quad, likelihood: within(quad, sums) }))
+    .sort((one, other) => other.likelihood - one.likelihood)
+    .slice(0, PORTRAITS)
+    .map(({ quad }) => quad);
 }
 
 /**

@@ -144,7 +144,8 @@ export class WindowSearch {
     const first = yield* faint;
     const early = yield* this.#weighCoarsely(first);
     if (early !== null) return early;
-    const { outlines: regions, leaving } = yield* this.#proposer.regions();
+    const { outlines: regions, leaving, portraits } =
+      yield* this.#proposer.regions([...edges, ...first]);
     this.#leaving = leaving;
     const snapped = regions.length > 0 ? yield* this.#proposer.snapped(regions[0]) : [];
     const panels = [...panelsOf(edges), ...panelsOf(first)];
@@ -152,7 +153,7 @@ export class WindowSearch {
       panels.map((panel) => aboutMiddle(panel, share, 1)),
     );
     const bounded =
-      (yield* this.#weighCoarsely([...snapped, ...regions, ...between])) ??
+      (yield* this.#weighCoarsely([...snapped, ...regions, ...portraits, ...between])) ??
       (yield* this.#fit([
         ...waysUp(leaving.slice(0, LEAVING_AT_ONCE)),
         ...this.#bestHints(),
