@@ -30,7 +30,8 @@ PHASES = 2
 missed. Chosen by hand."""
 PANEL_S = 1 / 60
 """Longest time, in seconds, in which a panel writes its rows; the camera reads its own within
-a frame. The delays across the display are at most the longer of the two."""
+a frame. The delays across the display are the difference of the two, or their sum where the camera
+is held upside down."""
 DELAYS_S = np.arange(-32, 33, 8) / 1000
 """Delays, in seconds, that are tried along either side of the display, as far as `longest_delay`
 allows, which is 33 ms for a camera of 30 frames a second. A step is about a state of a display of
@@ -221,7 +222,9 @@ class CodeSearch:
 
 
 def longest_delay(frame: float) -> float:
-    """Give the longest delay across the display that is believed, seconds.
+    """Give the longest delay across the display, in seconds, with which a search begins.
+
+    The fit of a clock (`receiver.timing.fit`) goes farther, up to the sum of both times.
 
     Args:
         frame: time from one frame of the camera to the next, seconds.

@@ -12,6 +12,7 @@ from streams import seen_frame
 from link.clock import DisplayClock, embedded_share
 from link.embed import embed
 from link.layout import make_layout
+from link.pilot_code import PilotCode
 from link.ratex import match_patches
 from link.types import Array
 from receiver.reading.states import compose_state
@@ -144,6 +145,26 @@ def test_a_perfect_wave_is_explained_wholly_and_its_opposite_not_at_all() -> Non
 
 TRUE = DisplayClock(1 / 14.93, 0.123, 0.004, -0.012, 0.016)
 CODEC = np.array([0.65, 0.65, 0.0, 0.0, 0.3])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_clock_is_followed_whose_exposures_are_as_long_as_frames(seed: int) -> None:
+    """Held upside down, so that the delays of camera and panel add up to more than a frame."""
+    code, rng = PilotCode(), np.random.default_rng(seed)
+    clock = DisplayClock(1 / 60.3, 0.01 * seed, -0.001, -0.021, 1 / 120)
+    places = np.stack(np.meshgrid(*2 * [np.arange(4) / 4 + 0.125]), axis=-1).reshape(-1, 2)
+    times = np.arange(115) / 120
+    wave = embedded_share(np.array([astuple(clock)]), times, places, code)[0].T
+    window = ToggleWindow(times, 1.3 * wave + 0.4 * rng.normal(size=wave.shape), places, 120, code)
+    true = replace(clock, start=clock.start - window.middle)
+    # as a search for the code tells it: the rate to 0.5 %, the delays to some milliseconds
+    known = replace(true, period=1.005 * true.period, delay_x=0.0025, delay_y=-0.0145)
+    number = true.number(clock.centre)
+    start = known.centre - known.period * number
+    fit = window.follow(replace(known, start=start))
+    assert fit.evidence > window.follow(true).evidence - 10
+    assert fit.clock.delay_y == pytest.approx(clock.delay_y, abs=0.002)
+    assert fit.clock.period == pytest.approx(clock.period, rel=0.001)
 
 
 def listen(sync: Synchroniser, times: Array, toggles: Array) -> list[DisplayClock | None]:

@@ -63,12 +63,14 @@ WINDOWS = {
     "fast": (DisplayClock(1 / 15.1, 0.1, 0.004, -0.012, 1 / 60), 30.0, 1.5, TOGGLES.places),
     "slow": (DisplayClock(1 / 2.1, 0.3, 0.0, 0.015, 1 / 60), 30.0, 4.0, TOGGLES.places),
     "hidden": (DisplayClock(1 / 29.8, 0.123, 0.0, 0.01, 0.01), 60.0, 1.0, GRID),
+    "open": (DisplayClock(1 / 60.3, 0.1, -0.001, -0.021, 1 / 120), 120.0, 1.0, GRID),
 }
 """A clock, frames a second, seconds, and places that toggle."""
 NOISE = {
     "fast": {"noise": 0.4},
     "slow": {"noise": 0.6, "correlation": 0.6, "amplitude": 1.5},
     "hidden": {"noise": 1.0},
+    "open": {"noise": 0.5},
 }
 
 

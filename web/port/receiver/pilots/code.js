@@ -280,7 +280,7 @@ export class CodeSearch {
 }
 
 /**
- * Give the longest delay across the display that is believed, seconds.
+ * Give the longest delay across the display, in seconds, with which a search begins.
  *
  * @param {number} frame - time from one frame of the camera to the next, seconds
  */

@@ -7,7 +7,7 @@
  * whitened (series.js), and drift is regressed with the wave.
  */
 
-import { receiverTimingFit } from "../../../generated/constants.js";
+import { receiverPilotsCode, receiverTimingFit } from "../../../generated/constants.js";
 import { complexDot, dot, inverse, solve, takeOff, varianceAlong } from "../../link/linear.js";
 import { mean } from "../../link/order.js";
 import { PLAIN } from "../../link/pilotCode.js";
@@ -17,6 +17,7 @@ import { PlaceToggles } from "./series.js";
 
 /** @typedef {import("./series.js").PlaceNoise} PlaceNoise */
 
+const { PANEL_S } = receiverPilotsCode;
 export const { MAX_STATES } = receiverTimingFit;
 const {
   ALONG_FLAT, DAMPING, DELAY_GRID, DRIFT_HZ, EASED, HELD, LEAST_SHUTTER, LEAST_STATES, MIN_STATE_HZ,
@@ -300,7 +301,7 @@ export class ToggleWindow {
    */
   #climb(starts, rounds) {
     const frame = this.#frame;
-    const delay = longestDelay(frame);
+    const delay = frame + PANEL_S; // a camera may be held upside down
     const fastest = this.#code.isPlain ? frame / MAX_STATES : 1 / MOST_STATE_HZ;
     const low = [fastest, -Infinity, -delay, -delay, LEAST_SHUTTER * frame];
     const high = [1 / MIN_STATE_HZ, Infinity, delay, delay, frame];
