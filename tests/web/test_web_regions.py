@@ -43,6 +43,12 @@ def map_with(displays: list[list[list[float]]], seed: int) -> Array:
     return (4.0 * shown - 2 + noise).astype(np.float32)
 
 
+def drawn_quads(count):
+    """Quadrilaterals, (count, 4, 2) in cells, clockwise; some reach beyond the map."""
+    rng, corners = np.random.default_rng(1), np.array([[0, 0], [30, 0], [30, 20], [0, 20]])
+    return corners + rng.uniform(-6, 40, (count, 1, 2)) + rng.uniform(-5, 5, (count, 4, 2))
+
+
 MAPS = {
     "noise": [],
     "rectangles": [[[8, 5], [34, 5], [34, 20], [8, 20]], [[50, 18], [74, 18], [74, 40], [50, 40]]],
@@ -65,9 +71,7 @@ def test_displays_are_outlined_as_by_python(port: Port, name: str) -> None:
 @pytest.mark.parametrize("name", MAPS)
 def test_portrait_parts_are_chosen_as_by_python(port: Port, name: str) -> None:
     chosen = port("receiver/pilots/search/regions.js").portraitParts
-    rng = np.random.default_rng(2)
-    corners = np.array([[0, 0], [30, 0], [30, 20], [0, 20]])
-    quads = corners + rng.uniform(-6, 40, (5, 1, 2)) + rng.uniform(-5, 5, (5, 4, 2))
+    quads = drawn_quads(5)
     log_odds = map_with(MAPS[name], 0)
     found = chosen(quads.tolist(), log_odds.ravel(), SIZE[1])
     same(np.array(found), np.array(portrait_parts(quads, log_odds)), OUTLINE_CELLS)
@@ -76,9 +80,7 @@ def test_portrait_parts_are_chosen_as_by_python(port: Port, name: str) -> None:
 @pytest.mark.parametrize("name", MAPS)
 def test_leaving_displays_are_chosen_as_by_python(port: Port, name: str) -> None:
     chosen = port("receiver/pilots/search/regions.js").leavingRegions
-    rng = np.random.default_rng(1)
-    corners = np.array([[0, 0], [30, 0], [30, 20], [0, 20]])
-    quads = corners + rng.uniform(-6, 40, (9, 1, 2)) + rng.uniform(-5, 5, (9, 4, 2))
+    quads = drawn_quads(9)
     for seed in range(6):
         log_odds = map_with(MAPS[name], seed)
         found = chosen(quads.tolist(), log_odds.ravel(), SIZE[1])
