@@ -359,23 +359,20 @@ class ToggleWindow:
             normal = np.where(better[:, None, None], fresh, normal)
             right = np.where(better[:, None], fresh_right, right)
             units = self._units(best)
-            clocks = best + self._step(normal, right, damping, np.zeros(best.shape)) * units
+            each = np.repeat(damping[:, None], best.shape[1], axis=1)
+            clocks = best + self._step(normal, right, each) * units
             # what is at its bound and would leave it stays, and the others step without it
             held = ((best <= low) & (clocks < low)) | ((best >= high) & (clocks > high))
-            clocks = best + self._step(normal, right, damping, HELD * held) * units
+            clocks = best + self._step(normal, right, each + HELD * held) * units
             clocks = np.clip(clocks, low, high)
         return np.asarray(best[np.argsort(-score)])
 
     @staticmethod
-    def _step(normal: Array, right: Array, damping: Array, held: NDArray[np.floating]) -> Array:
-        """The damped step of each fit, (C, 5), in natural units.
-
-        ``held`` (C, 5) is added to the damping of each of a clock's numbers.
-        """
+    def _step(normal: Array, right: Array, damping: NDArray[np.floating]) -> Array:
+        """The step of each fit, (C, 5), in natural units, by the damping (C, 5) of its numbers."""
         diagonal = np.einsum("ckk->ck", normal)
-        numbers = damping[:, None] + np.pad(held, ((0, 0), (1, 0)))
-        heavier = numbers * (diagonal + ALONG_FLAT * diagonal[:, :1]) + 1e-9
-        heavier[:, 0] = 1e-9
+        heavier = np.full(diagonal.shape, 1e-9)
+        heavier[:, 1:] += damping * (diagonal[:, 1:] + ALONG_FLAT * diagonal[:, :1])
         solution = np.linalg.solve(normal + heavier[:, :, None] * np.eye(6), right[:, :, None])[
             ..., 0
         ]

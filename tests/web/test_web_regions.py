@@ -43,7 +43,7 @@ def map_with(displays: list[list[list[float]]], seed: int) -> Array:
     return (4.0 * shown - 2 + noise).astype(np.float32)
 
 
-def drawn_quads(count):
+def drawn_quads(count: int) -> Array:
     """Quadrilaterals, (count, 4, 2) in cells, clockwise; some reach beyond the map."""
     rng, corners = np.random.default_rng(1), np.array([[0, 0], [30, 0], [30, 20], [0, 20]])
     return corners + rng.uniform(-6, 40, (count, 1, 2)) + rng.uniform(-5, 5, (count, 4, 2))

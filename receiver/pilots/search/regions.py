@@ -41,12 +41,12 @@ as shares of the width of a display of 16:9."""
 PORTRAIT_PART = 2 * PICTURE_SHARES[-1] / (1 + PICTURE_SHARES[-1])
 """Width of a picture of 9:16 in the middle of a display of 16:9, as a share of the width from one
 of its sides to the opposite side of the display."""
-SURELY_LYING = 1.15
-"""Ratio of width to height from which on an outline is taken to show a picture that is not turned:
-turned ones of 4:3 that are seen from 50 degrees look so. Chosen by hand."""
 PORTRAITS = 3
 """Largest number of portrait pictures that are proposed where a side of theirs is not seen. It
 bounds the work; chosen by hand."""
+SURELY_LYING = 1.15
+"""Ratio of width to height from which on an outline is taken to show a picture that is not turned:
+turned ones of 4:3 that are seen from 50 degrees look so. Chosen by hand."""
 STEPS = (6.0, 3.0, 1.5, 0.75, 0.4)
 """Distances, in cells, by which corners and sides are tried to be moved, one after the other: each
 about half the last one, down to a part of a cell. Chosen by hand."""
@@ -101,8 +101,8 @@ def leaving_regions(quads: Array, log_odds: NDArray[np.float32]) -> list[Array]:
     last = np.array(log_odds.shape[::-1]) - 1
     if not outlines or ((outlines[0] > 1) & (outlines[0] < last)).all():
         return []
-    order = np.argsort(-_within(quads + BEYOND_CELLS, _sums(leaning)), kind="stable")
-    return [*quads[order[:1]], *outlines, *quads[order[1:]]]
+    ordered = _likeliest_first(quads, leaning)
+    return [*ordered[:1], *outlines, *ordered[1:]]
 
 
 def about_middle(outline: Array, across: float = 1.0, down: float = 1.0) -> Array:
@@ -155,9 +155,7 @@ def portrait_parts(quads: Array, log_odds: NDArray[np.float32]) -> list[Array]:
         for quad in quads
         for side in range(4)
     ]
-    likelihoods = _within(np.reshape(parts, (-1, 4, 2)) + BEYOND_CELLS, _sums(log_odds))
-    order = np.argsort(-likelihoods, kind="stable")[:PORTRAITS]
-    return [parts[at] for at in order]
+    return [*_likeliest_first(np.reshape(parts, (-1, 4, 2)), log_odds)[:PORTRAITS]]
 
 
 def panels_of(quads: Sequence[Array]) -> list[Array]:
@@ -268,6 +266,12 @@ def _all_moves() -> Array:
 
 MOVES = _all_moves()
 """Moves of corners and sides by a unit, (48, 4, 2)."""
+
+
+def _likeliest_first(quads: Array, log_odds: NDArray[np.float32]) -> Array:
+    """Order quadrilaterals, (N, 4, 2) in cells, by the sums of the log-odds within them."""
+    sums = _within(quads + BEYOND_CELLS, _sums(log_odds))
+    return quads[np.argsort(-sums, kind="stable")]
 
 
 def _convex(quads: Array) -> NDArray[np.bool_]:

@@ -320,18 +320,18 @@ export class ToggleWindow {
           damping *= STIFFENED;
         }
         const units = this.#units(best);
-        /** @param {number[]} held - added to the damping of each number */
-        const stepped = (held) => {
-          const step = dampedStep(linear.normal, linear.right, damping, held);
+        /** @param {number[]} dampings - of the clock's numbers */
+        const stepped = (dampings) => {
+          const step = dampedStep(linear.normal, linear.right, dampings);
           return best.map((value, number) => value + step[number] * units[number]);
         };
         // what is at its bound and would leave it stays, and the others step without it
-        const held = Array.from(stepped(low.map(() => 0)), (value, number) => {
+        const dampings = Array.from(stepped(low.map(() => damping)), (value, number) => {
           const isLow = best[number] <= low[number] && value < low[number];
           const isHigh = best[number] >= high[number] && value > high[number];
-          return isLow || isHigh ? HELD : 0;
+          return isLow || isHigh ? damping + HELD : damping;
         });
-        clock = stepped(held).map((value, number) =>
+        clock = stepped(dampings).map((value, number) =>
           Math.min(Math.max(value, low[number]), high[number]),
         );
       }
@@ -519,16 +519,14 @@ function linearised(gram, product) {
  *
  * @param {Float64Array} normal - (6, 6)
  * @param {Float64Array} right - (6,)
- * @param {number} damping
- * @param {number[]} held - added to the damping of each of a clock's numbers
+ * @param {number[]} damping - of the five numbers of a clock
  * @returns {number[]} of the five numbers of a clock
  */
-function dampedStep(normal, right, damping, held) {
+function dampedStep(normal, right, damping) {
   const damped = normal.slice();
   for (let k = 0; k < MOVED; k++) {
     const at = k * (MOVED + 1);
-    const ofNumber = damping + (held[k - 1] ?? 0);
-    damped[at] += k === 0 ? 1e-9 : ofNumber * (normal[at] + ALONG_FLAT * normal[0]) + 1e-9;
+    damped[at] += k === 0 ? 1e-9 : damping[k - 1] * (normal[at] + ALONG_FLAT * normal[0]) + 1e-9;
   }
   const [amplitude, ...slopes] = solve(damped, right);
   if (!(amplitude > 1e-6)) return slopes.map(() => 0);

@@ -55,11 +55,7 @@ export function leavingRegions(quads, logOdds, width) {
     outline.some(([x, y]) => Math.min(x, y) <= 1 || x >= width - 1 || y >= height - 1),
   );
   if (!isLeaving) return [];
-  const sums = sumsOf(leaning, width);
-  const [first, ...others] = quads
-    .map((quad) => ({ quad, likelihood: within(quad, sums) }))
-    .sort((one, other) => other.likelihood - one.likelihood)
-    .map(({ quad }) => quad);
+  const [first, ...others] = likeliestFirst(quads, leaning, width);
   return first === undefined ? outlines : [first, ...outlines, ...others];
 }
 
@@ -88,17 +84,13 @@ export function aboutMiddle(outline, across, down) {
  * @returns {Point[][]} at most `PORTRAITS` pictures in cells, clockwise; the likeliest first
  */
 export function portraitParts(quads, logOdds, width) {
-  const sums = sumsOf(logOdds, width);
   const atLeft = frameCorners(1, 1).map(([x, y]) =>
     /** @type {Point} */ ([x * PORTRAIT_PART - (1 - PORTRAIT_PART) / 2, y]),
   );
-  return quads
+  const parts = quads
     .flatMap((quad) => quad.map((_, side) => homographyFromCorners(rolled(quad, side), 1, 1)))
-    .map((H) => transform(H, atLeft))
-    .map((quad) => ({ quad, likelihood: within(quad, sums) }))
-    .sort((one, other) => other.likelihood - one.likelihood)
-    .slice(0, PORTRAITS)
-    .map(({ quad }) => quad);
+    .map((H) => transform(H, atLeft));
+  return likeliestFirst(parts, logOdds, width).slice(0, PORTRAITS);
 }
 
 /**
@@ -254,6 +246,21 @@ function climbed(outline, sums) {
     }
   }
   return { likelihood, outline };
+}
+
+/**
+ * Order quadrilaterals by the sums of the log-odds within them.
+ *
+ * @param {Point[][]} quads - in cells
+ * @param {Float32Array} logOdds - natural log-odds of each cell
+ * @param {number} width - of the map, cells
+ */
+function likeliestFirst(quads, logOdds, width) {
+  const sums = sumsOf(logOdds, width);
+  return quads
+    .map((quad) => ({ quad, likelihood: within(quad, sums) }))
+    .sort((one, other) => other.likelihood - one.likelihood)
+    .map(({ quad }) => quad);
 }
 
 /**
