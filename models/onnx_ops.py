@@ -109,27 +109,27 @@ def repeat(count: int, step: Callable[..., State], state: State) -> State:
 
     Args:
         count: number of steps.
-        step: makes the next state of the number of the step, a () int64 tensor, and a state.
+        step: makes the next state of a state.
         state: first state.
 
     Returns:
         the last state.
 
-    >>> repeat(3, lambda number, x: (x + number,), (torch.zeros(()),))
-    (tensor(3.),)
+    >>> repeat(3, lambda x: (2 * x,), (torch.ones(()),))
+    (tensor(8.),)
     """
     if torch.compiler.is_exporting():
 
         def body(number: Tensor, *now: Tensor) -> State:
-            return (number + 1, *step(number, *now))
+            return (number + 1, *step(*now))
 
         first = torch.zeros((), dtype=torch.int64)
         last: State = torch.while_loop(  # type: ignore[no-untyped-call]
             lambda number, *_: number < count, body, (first, *state)
         )
         return last[1:]
-    for number in range(count):
-        state = step(torch.tensor(number), *state)
+    for _ in range(count):
+        state = step(*state)
     return state
 
 

@@ -48,8 +48,7 @@ from models.phi.refine_pilots import LEAST_RESPONSE
 from models.phi.register import derivatives
 
 ROUNDS, LEARNED = 5, 2
-"""Number of rounds, in the first of which the pilots alone tell the amplitude, and number of times
-in each that noise and motion are estimated."""
+"""Number of rounds, and number of times in each that noise and motion are estimated."""
 FIRST_BAND, BANDS = 3, 6
 """Number of half waves over the rows of the slowest band of flicker, and how many bands there are;
 slower ones are polynomials."""
@@ -230,10 +229,8 @@ class FilmDecoder(nn.Module):
         near = Neighbourhood(seen, rows, cols)
         mixture = shares_seen(shares, pair, pairs, near.seen)
 
-        def improve(number: Tensor, *state: Tensor) -> tuple[Tensor, ...]:
-            certain = torch.where(number > 0, torch.ones_like(known), known * known)
-            last = Estimates(*state)
-            return self._round(last, changes, known, certain, picture, mixture, near)
+        def improve(*state: Tensor) -> tuple[Tensor, ...]:
+            return self._round(Estimates(*state), changes, known, picture, mixture, near)
 
         begun = self._begin(changes, picture, near)
         none, bits = torch.zeros_like(changes), known.expand(pairs.shape[0], -1)
@@ -338,7 +335,6 @@ class FilmDecoder(nn.Module):
         last: Estimates,
         changes: Tensor,
         known: Tensor,
-        certain: Tensor,
         picture: ReferenceBlocks,
         mixture: Shares,
         near: Neighbourhood,
@@ -349,8 +345,6 @@ class FilmDecoder(nn.Module):
             last: what was found so far.
             changes: (T, B) change of each block from the window's mean picture, gray levels.
             known: (1, B) bits of the pilots, else 0.
-            certain: (1, B) 1 where a block's bits count for the signal's amplitude, else 0: in the
-                first round those of the pilots alone.
             picture: blocks of the reference.
             mixture: what each exposure mixes.
             near: averages over neighbouring blocks and frames.
@@ -366,8 +360,7 @@ class FilmDecoder(nn.Module):
         white = background.whiten(torch.stack([values + last.own, mixed, values], 1))
         shown, expected, left = white.unbind(1)
         energy = mixture.energy(background)
-        unsure = (energy * (certain - last.x**2)).sum(0)
-        amplitude = self._fit_amplitude(expected, unsure, shown, picture.S)
+        amplitude = self._fit_amplitude(expected * known * known, shown, picture.S)
         llr = self._decide(shown, expected, left, energy, last.x, amplitude, mixture, background)
         x = known + (1 - known * known) * (llr / 2).tanh()
         own = mixture.mixed(x) * amplitude
@@ -471,17 +464,20 @@ class FilmDecoder(nn.Module):
         llr: Tensor = 2 * amplitude * (matched - amplitude * explained) / doubted
         return llr
 
-    def _fit_amplitude(self, mixed: Tensor, doubt: Tensor, shown: Tensor, S: Tensor) -> Tensor:
+    def _fit_amplitude(self, mixed: Tensor, shown: Tensor, S: Tensor) -> Tensor:
         """Fit the change of each block by a ridge problem over the columns S: (1, B) gray levels.
 
+        The pilots alone tell it. Fitted to the message's blocks, too, with the bits that the
+        amplitude itself made likely, it was a little worse.
+
         Args:
-            mixed: (T, B) what the exposures mix of the expected bits, whitened.
-            doubt: (B,) energy of what is not known of the bits.
+            mixed: (T, B) what the exposures mix of the pilots' bits, whitened, and 0 at the blocks
+                of the message.
             shown: (T, B) what the bits show, whitened.
             S: (k, B) columns of the signal.
         """
         across = (mixed * shown).sum(0)
-        among = (mixed * mixed).sum(0) + doubt
+        among = (mixed * mixed).sum(0)
         prior = torch.eye(S.shape[0], dtype=torch.float64) / (2 * self.amplitude.double()).exp()
         covariance = inverse_of_one(((S * among) @ S.t()).double().add(prior))
         return ((covariance @ (S @ across.unsqueeze(1))).t() @ S).clamp_min(LEAST_AMPLITUDE)
