@@ -24,6 +24,7 @@ from receiver.pilots.search.regions import (
     leaving_regions,
     outline_regions,
     panels_of,
+    pictures_in,
     portrait_parts,
     ways_up,
 )
@@ -103,6 +104,9 @@ def test_pictures_are_sought_within_panels_and_in_every_way_up_as_by_python(port
         for share in PICTURE_SHARES:
             known = about_middle(outline, share, WITH_BARS)
             same(ported.aboutMiddle(outline.tolist(), share, WITH_BARS), known, 1e-5)
+    panels = [lying, standing]
+    found = ported.picturesIn([panel.tolist() for panel in panels])
+    same(np.array(found), np.array(pictures_in(panels)), 1e-5)
     quads = [square, lying, within]
     same(ported.panelsOf([quad.tolist() for quad in quads]), [square, within], 0)
     assert len(panels_of(quads)) == len(panels_of([square, within])) == 2

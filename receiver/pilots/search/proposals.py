@@ -42,8 +42,8 @@ PARTLY_SEEN = 200
 """Largest number of quadrilaterals of edges with a corner outside the image, of which the map of
 what toggles chooses. It bounds the work; chosen by hand."""
 LEAVING = 2
-"""Number of these quadrilaterals, those of the strongest edges, that are weighed coarsely, too. It
-bounds the work; chosen by hand."""
+"""Number of these quadrilaterals, those of the strongest edges, that are weighed coarsely, too, as
+are pictures between black bars in them. It bounds the work; chosen by hand."""
 STRONGEST = 2
 """Number of quadrilaterals, those of the strongest edges, that the pilots are fitted to once
 all frames have been watched. It bounds the work; chosen by hand."""
@@ -182,7 +182,9 @@ class Proposer:
         leaving = leaving_regions(partly, log_odds)
         yield 1
         found = []
-        for cells in outline_regions(log_odds), leaving, portrait_parts(whole, log_odds):
+        bounded = (whole, partly) if leaving else (whole,)
+        portraits = [part for quads in bounded for part in portrait_parts(quads, log_odds)]
+        for cells in outline_regions(log_odds), leaving, portraits:
             quads = upright(CELL_PX * np.reshape(cells, (-1, 4, 2)) - 0.5)  # N may be 0
             found.append([watch.on_image(quad) for quad in quads])
         return Regions(*found)

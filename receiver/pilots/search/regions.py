@@ -7,6 +7,7 @@ beyond the image, where nothing is known: there every cell speaks a little again
 """
 
 from collections.abc import Iterator, Sequence
+from itertools import product
 
 import cv2
 import numpy as np
@@ -149,13 +150,29 @@ def portrait_parts(quads: Array, log_odds: NDArray[np.float32]) -> list[Array]:
     >>> portrait_parts(bounded, log_odds)[0].round().tolist()
     [[32.0, 18.0], [24.0, 18.0], [24.0, 2.0], [32.0, 2.0]]
     """
-    at_left = frame_corners(1, 1) * [PORTRAIT_PART, 1] - [(1 - PORTRAIT_PART) / 2, 0]
-    parts = [
-        transform(homography_from_corners(np.roll(quad, -side, axis=0), 1, 1), at_left)
-        for quad in quads
-        for side in range(4)
-    ]
-    return [*_likeliest_first(np.reshape(parts, (-1, 4, 2)), log_odds)[:PORTRAITS]]
+    turned = np.concatenate([np.roll(quads, -side, axis=1) for side in range(4)])  # (4 N, 4, 2)
+    return [*_likeliest_first(_at_left(turned, PORTRAIT_PART), log_odds)[:PORTRAITS]]
+
+
+def _at_left(quads: Array, share: float) -> Array:
+    """Cut rectangles in perspective, and keep what is at their left.
+
+    If each corner weighs as much as the triangle of the other three has area, the middle of a side
+    of the rectangle is the weighted mean of the side's ends, and other points divide it likewise.
+
+    Args:
+        quads: (N, 4, 2) rectangles in perspective, clockwise from the top left.
+        share: width of what is kept, as a share of the rectangle's.
+
+    Returns:
+        (N, 4, 2) what is kept, clockwise from the top left.
+    """
+    ahead, across, back = (np.roll(quads, -k, axis=1) for k in (1, 2, 3))
+    one, other = across - ahead, back - ahead
+    areas = np.abs(one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0])[..., None]
+    left, right = (1 - share) * areas[:, [0, 3]], share * areas[:, [1, 2]]  # (N, 2, 1)
+    cut = (left * quads[:, [0, 3]] + right * quads[:, [1, 2]]) / (left + right)
+    return np.stack([quads[:, 0], cut[:, 0], cut[:, 1], quads[:, 3]], axis=1)
 
 
 def panels_of(quads: Sequence[Array]) -> list[Array]:
@@ -169,6 +186,19 @@ def panels_of(quads: Sequence[Array]) -> list[Array]:
     """
     within = [quad for quad in quads[1:] if nested(quad[None], quads[0])[0]]
     return [*quads[:1], *within[:1]]
+
+
+def pictures_in(panels: Sequence[Array]) -> list[Array]:
+    """Propose pictures between black bars to their left and right, in the middle of panels.
+
+    Args:
+        panels: (4, 2) outlines of displays of 16:9, clockwise, the likeliest first.
+
+    Returns:
+        (4, 2) as `about_middle`: pictures of the likeliest shape in each panel, then others.
+    """
+    shapes = product(PICTURE_SHARES, panels)
+    return [about_middle(panel, across=share) for share, panel in shapes]
 
 
 def ways_up(quads: Sequence[Array], *, likely: bool = True) -> Iterator[Array]:

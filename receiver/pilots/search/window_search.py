@@ -13,6 +13,7 @@ from link.steps import Steps
 from link.types import Array, Corners
 from receiver.pilots.search.proposals import (
     ANY_TURN,
+    LEAVING,
     PROMISING,
     STRONGEST,
     Proposal,
@@ -20,10 +21,10 @@ from receiver.pilots.search.proposals import (
     weigh,
 )
 from receiver.pilots.search.regions import (
-    PICTURE_SHARES,
     WITH_BARS,
     about_middle,
     panels_of,
+    pictures_in,
     ways_up,
 )
 from receiver.pilots.search.settle import HINT, Detection, verify
@@ -137,13 +138,14 @@ class WindowSearch:
             return found
         regions, self._leaving, portraits = yield from self._proposer.regions([*edges, *first])
         snapped = self._proposer.snapped(regions[0]) if regions else []
-        panels = [*panels_of(edges), *panels_of(first)]
-        shapes = product(PICTURE_SHARES, panels)
-        between = [about_middle(panel, across=share) for share, panel in shapes]
-        if found := (yield from self._weigh_coarsely([*snapped, *regions, *portraits, *between])):
+        between = pictures_in([*panels_of(edges), *panels_of(first)])
+        partly = pictures_in(self._proposer.partly_seen[:LEAVING] if self._leaving else [])
+        proposed = [*snapped, *regions, *portraits, *partly, *between]
+        if found := (yield from self._weigh_coarsely(proposed)):
             return found
         leaving = ways_up(self._leaving[:LEAVING_AT_ONCE])
-        likeliest = chain(leaving, self._best_hints(), ways_up([*regions[:1], *edges[:1]]))
+        likely = ways_up([*regions[:1], *edges[:1]])
+        likeliest = chain(partly[:BARRED], leaving, self._best_hints(), likely)
         if found := (yield from self._fit(likeliest)):
             return found
         for quads in faint:

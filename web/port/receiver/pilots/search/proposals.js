@@ -23,9 +23,9 @@ import { leavingRegions, outlineRegions, portraitParts } from "./regions.js";
 /** @typedef {import("./watch.js").Watch} Watch */
 
 const { CELL_PX, LEAST_PX } = modelsRegion;
-export const { STRONGEST, PROMISING, ANY_TURN } = receiverPilotsSearchProposals;
+export const { LEAVING, STRONGEST, PROMISING, ANY_TURN } = receiverPilotsSearchProposals;
 const {
-  VIEW_SIZE, CANDIDATES, LEAVING, PARTLY_SEEN, BRIGHT_PX, DARK_PX, STATES_HZ, MAPPED,
+  VIEW_SIZE, CANDIDATES, PARTLY_SEEN, BRIGHT_PX, DARK_PX, STATES_HZ, MAPPED,
   SNAP_SHARE, SNAP_STEP_PX, EDGE_BLUR_PX, LOG_LEVELS,
 } = receiverPilotsSearchProposals;
 
@@ -168,9 +168,12 @@ export class Proposer {
     yield OUTLINE_WORK;
     const outlineCells = outlineRegions(logOdds, columns);
     yield OUTLINE_WORK;
-    const [outlines, leaving, portraits] = [
-      outlineCells, leavingCells, portraitParts(whole, logOdds, columns),
-    ].map((quads) => quads.map((quad) => this.#ofCells(quad)));
+    const bounded = leavingCells.length > 0 ? [whole, partly] : [whole];
+    const portraitCells = [];
+    for (const quads of bounded) portraitCells.push(...portraitParts(quads, logOdds, columns));
+    const [outlines, leaving, portraits] = [outlineCells, leavingCells, portraitCells].map((quads) =>
+      quads.map((quad) => this.#ofCells(quad)),
+    );
     return { outlines, leaving, portraits };
   }
 

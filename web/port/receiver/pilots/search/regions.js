@@ -5,12 +5,14 @@
  */
 
 import { receiverPilotsSearchRegions } from "../../../../generated/constants.js";
-import { frameCorners, homographyFromCorners, sideLengths, transform } from "../../../link/geometry.js";
+import {
+  frameCorners, homographyFromCorners, sideLengths, signedArea, transform,
+} from "../../../link/geometry.js";
 import { isNested, rolled } from "../../locate/quads.js";
 
 const {
   REGIONS, LEAST_CELLS, MOST_ODDS, BEYOND_CELLS, BEYOND_ODDS, LEAVING_ODDS, STEPS,
-  SURELY_LYING, MOST_MOVES, MOVES, PORTRAITS, PORTRAIT_PART,
+  SURELY_LYING, MOST_MOVES, MOVES, PICTURE_SHARES, PORTRAITS, PORTRAIT_PART,
 } = receiverPilotsSearchRegions;
 
 /**
@@ -84,13 +86,30 @@ export function aboutMiddle(outline, across, down) {
  * @returns {Point[][]} at most `PORTRAITS` pictures in cells, clockwise; the likeliest first
  */
 export function portraitParts(quads, logOdds, width) {
-  const atLeft = frameCorners(1, 1).map(([x, y]) =>
-    /** @type {Point} */ ([x * PORTRAIT_PART - (1 - PORTRAIT_PART) / 2, y]),
+  const parts = quads.flatMap((quad) =>
+    quad.map((_, side) => atLeft(rolled(quad, side), PORTRAIT_PART)),
   );
-  const parts = quads
-    .flatMap((quad) => quad.map((_, side) => homographyFromCorners(rolled(quad, side), 1, 1)))
-    .map((H) => transform(H, atLeft));
   return likeliestFirst(parts, logOdds, width).slice(0, PORTRAITS);
+}
+
+/**
+ * Cut a rectangle in perspective, and keep what is at its left. If each corner weighs as much as the
+ * triangle of the other three has area, the middle of a side of the rectangle is the weighted mean of
+ * the side's ends, and other points divide it likewise.
+ *
+ * @param {Point[]} quad - clockwise from the top left
+ * @param {number} share - width of what is kept, as a share of the rectangle's
+ * @returns {Point[]} what is kept, clockwise from the top left
+ */
+function atLeft(quad, share) {
+  const areas = quad.map((_, at) => Math.abs(signedArea(rolled(quad, at + 1).slice(0, 3))));
+  const cut = (/** @type {number} */ from, /** @type {number} */ to) => {
+    const [left, right] = [(1 - share) * areas[from], share * areas[to]];
+    const between = (/** @type {0 | 1} */ axis) =>
+      (left * quad[from][axis] + right * quad[to][axis]) / (left + right);
+    return /** @type {Point} */ ([between(0), between(1)]);
+  };
+  return [quad[0], cut(0, 1), cut(3, 2), quad[3]];
 }
 
 /**
@@ -103,6 +122,16 @@ export function portraitParts(quads, logOdds, width) {
 export function panelsOf(quads) {
   const within = quads.slice(1).filter((quad) => isNested(quad, quads[0]));
   return [...quads.slice(0, 1), ...within.slice(0, 1)];
+}
+
+/**
+ * Propose pictures between black bars to their left and right, in the middle of panels.
+ *
+ * @param {Point[][]} panels - outlines of displays of 16:9, clockwise, the likeliest first
+ * @returns {Point[][]} as of `aboutMiddle`: pictures of the likeliest shape in each panel, then others
+ */
+export function picturesIn(panels) {
+  return PICTURE_SHARES.flatMap((share) => panels.map((panel) => aboutMiddle(panel, share, 1)));
 }
 
 /**

@@ -10,9 +10,9 @@ import {
   receiverPilotsSearchRegions, receiverPilotsSearchWindowSearch,
 } from "../../../../generated/constants.js";
 import {
-  COARSE_WORK, NEXT_FRAME, PROMISING, Proposer, STRONGEST, weighSteps,
+  COARSE_WORK, LEAVING, NEXT_FRAME, PROMISING, Proposer, STRONGEST, weighSteps,
 } from "./proposals.js";
-import { aboutMiddle, panelsOf, waysUp } from "./regions.js";
+import { aboutMiddle, panelsOf, picturesIn, waysUp } from "./regions.js";
 import { HINT, verifySteps } from "./settle.js";
 
 /** @typedef {import("./proposals.js").Proposal} Proposal */
@@ -20,7 +20,7 @@ import { HINT, verifySteps } from "./settle.js";
 /** @typedef {import("./settle.js").Detection} Detection */
 /** @typedef {import("./watch.js").Watch} Watch */
 
-const { PICTURE_SHARES, WITH_BARS } = receiverPilotsSearchRegions;
+const { WITH_BARS } = receiverPilotsSearchRegions;
 const {
   SURROUNDED, LEAVING_AT_ONCE, LEAVING_LATER, HINTS, BARRED,
 } = receiverPilotsSearchWindowSearch;
@@ -148,13 +148,13 @@ export class WindowSearch {
       yield* this.#proposer.regions([...edges, ...first]);
     this.#leaving = leaving;
     const snapped = regions.length > 0 ? yield* this.#proposer.snapped(regions[0]) : [];
-    const panels = [...panelsOf(edges), ...panelsOf(first)];
-    const between = PICTURE_SHARES.flatMap((share) =>
-      panels.map((panel) => aboutMiddle(panel, share, 1)),
-    );
+    const between = picturesIn([...panelsOf(edges), ...panelsOf(first)]);
+    const partly = picturesIn(leaving.length > 0 ? this.#proposer.partlySeen.slice(0, LEAVING) : []);
+    const proposed = [...snapped, ...regions, ...portraits, ...partly, ...between];
     const bounded =
-      (yield* this.#weighCoarsely([...snapped, ...regions, ...portraits, ...between])) ??
+      (yield* this.#weighCoarsely(proposed)) ??
       (yield* this.#fit([
+        ...partly.slice(0, BARRED),
         ...waysUp(leaving.slice(0, LEAVING_AT_ONCE)),
         ...this.#bestHints(),
         ...waysUp([...regions.slice(0, 1), ...edges.slice(0, 1)]),
