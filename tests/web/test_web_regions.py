@@ -26,6 +26,7 @@ from receiver.pilots.search.regions import (
     panels_of,
     pictures_in,
     portrait_parts,
+    reaching_beyond,
     ways_up,
 )
 from receiver.pilots.search.watch import Watch
@@ -104,6 +105,10 @@ def test_pictures_are_sought_within_panels_and_in_every_way_up_as_by_python(port
         for share in PICTURE_SHARES:
             known = about_middle(outline, share, WITH_BARS)
             same(ported.aboutMiddle(outline.tolist(), share, WITH_BARS), known, 1e-5)
+    for portrait in (standing, 4 * standing - [0, 40], 9 * lying - [90, 0]):
+        known = np.reshape(reaching_beyond(portrait, 80, 45), (-1, 4, 2))
+        found = ported.reachingBeyond(portrait.tolist(), 80, 45)
+        same(np.reshape(found, (-1, 4, 2)), known, 1e-5)
     panels = [lying, standing]
     found = ported.picturesIn([panel.tolist() for panel in panels])
     same(np.array(found), np.array(pictures_in(panels)), 1e-5)

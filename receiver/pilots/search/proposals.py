@@ -182,7 +182,7 @@ class Proposer:
         leaving = leaving_regions(partly, log_odds)
         yield 1
         found = []
-        bounded = (whole, partly) if leaving else (whole,)
+        bounded = (partly, whole) if leaving else (whole,)
         portraits = [part for quads in bounded for part in portrait_parts(quads, log_odds)]
         for cells in outline_regions(log_odds), leaving, portraits:
             quads = upright(CELL_PX * np.reshape(cells, (-1, 4, 2)) - 0.5)  # N may be 0

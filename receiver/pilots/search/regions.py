@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.geometry import frame_corners, homography_from_corners, transform
+from link.geometry import frame_corners, homography_from_corners, in_image, transform
 from link.types import Array
 from receiver.locate.quads import nested
 
@@ -45,6 +45,9 @@ of its sides to the opposite side of the display."""
 PORTRAITS = 3
 """Largest number of portrait pictures that are proposed where a side of theirs is not seen. It
 bounds the work; chosen by hand."""
+FOCAL_SHARE = 1.0
+"""Focal length as a share of an image's longer side, by which a picture's shape tells where a side
+is that is not seen: between those of phones, some 0.75, and of cameras that are zoomed in."""
 SURELY_LYING = 1.15
 """Ratio of width to height from which on an outline is taken to show a picture that is not turned:
 turned ones of 4:3 that are seen from 50 degrees look so. Chosen by hand."""
@@ -152,6 +155,43 @@ def portrait_parts(quads: Array, log_odds: NDArray[np.float32]) -> list[Array]:
     """
     turned = np.concatenate([np.roll(quads, -side, axis=1) for side in range(4)])  # (4 N, 4, 2)
     return [*_likeliest_first(_at_left(turned, PORTRAIT_PART), log_odds)[:PORTRAITS]]
+
+
+def reaching_beyond(portrait: Array, width: int, height: int) -> list[Array]:
+    """Place what is not seen of a portrait picture that is longer than the image, by its shape.
+
+    Three sides of a rectangle tell how it lies in space, and one length the others.
+
+    Args:
+        portrait: (4, 2) pixels, clockwise; a side of which both corners are outside the image is
+            taken for a guess, and the others for right.
+        width: width of the image, pixels.
+        height: its height, pixels.
+
+    Returns:
+        (4, 2) for each short side that is outside, with this side where a picture of 9:16 has it
+        before a camera of `FOCAL_SHARE`.
+
+    >>> guess = np.array([[400.0, -100], [800, -100], [800, 600], [400, 600]])
+    >>> reaching_beyond(guess, 1280, 720)[0].round().tolist()
+    [[400.0, -111.0], [800.0, -111.0], [800.0, 600.0], [400.0, 600.0]]
+    """
+    standing, found = np.roll(_lying(portrait), -1, axis=0), []
+    middle, focal = np.array([width - 1, height - 1]) / 2, FOCAL_SHARE * max(width, height)
+    for quad in standing, np.roll(standing, -2, axis=0):
+        if in_image(quad[:2], (height, width)).any():
+            continue
+        a, b, c, d = np.column_stack([(quad - middle) / focal, np.ones(4)])  # rays to the corners
+        along = np.cross(np.cross(d, a), np.cross(c, b))  # where both long sides go to
+        along *= np.sign(along @ (a - d)) / np.linalg.norm(along)
+        across = np.cross(np.cross(d, c), along)
+        c_side, d_side = np.cross(c, across), np.cross(d, across)
+        corner = c * (c_side @ d_side) / (c_side @ c_side)  # so far away that it is beside d
+        long = along * np.linalg.norm(corner - d) * 16 / 9
+        ends = np.array([d + long, corner + long])
+        if (ends[:, 2] > 0).all():  # before the camera
+            found.append(np.concatenate([ends[:, :2] / ends[:, 2:] * focal + middle, quad[2:]]))
+    return found
 
 
 def _at_left(quads: Array, share: float) -> Array:

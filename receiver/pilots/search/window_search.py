@@ -25,6 +25,7 @@ from receiver.pilots.search.regions import (
     about_middle,
     panels_of,
     pictures_in,
+    reaching_beyond,
     ways_up,
 )
 from receiver.pilots.search.settle import HINT, Detection, verify
@@ -145,7 +146,10 @@ class WindowSearch:
             return found
         leaving = ways_up(self._leaving[:LEAVING_AT_ONCE])
         likely = ways_up([*regions[:1], *edges[:1]])
-        likeliest = chain(partly[:BARRED], leaving, self._best_hints(), likely)
+        size = self.watch.reference.shape[1::-1]
+        beyond = [quad for part in portraits[:1] for quad in reaching_beyond(part, *size)]
+        first_fits = chain(partly[:BARRED], ways_up(beyond), leaving)
+        likeliest = chain(first_fits, self._best_hints(), likely)
         if found := (yield from self._fit(likeliest)):
             return found
         for quads in faint:

@@ -25,6 +25,7 @@ from receiver.pilots.search.regions import (
     leaving_regions,
     outline_regions,
     portrait_parts,
+    reaching_beyond,
 )
 from receiver.pilots.search.watch import Watch
 
@@ -82,6 +83,18 @@ def test_a_portrait_picture_is_found_where_one_of_its_sides_is_not_seen(side: in
     quads = np.roll(np.array([other, to_bezel]), side, axis=1)
     first, *_ = portrait_parts(quads, map_of(picture))
     assert off(first, picture) < 0.01
+
+
+@pytest.mark.parametrize("end", [0, 2])
+def test_a_portrait_picture_longer_than_the_image_is_completed_by_its_shape(end: int) -> None:
+    turn = cv2.Rodrigues(np.array([0.1, 0.6, 0.05]))[0]
+    places = np.array([[-9, -16, 0], [9, -16, 0], [9, 16, 0], [-9, 16, 0]]) @ turn.T + [1, 2, 35]
+    picture = 1280 * places[:, :2] / places[:, 2:] + [639.5, 359.5]
+    guess = np.roll(picture, -end, axis=0)
+    guess[:2] = guess[[3, 2]] + 0.95 * (guess[:2] - guess[[3, 2]])  # on the same long sides
+    guess = np.roll(guess, end, axis=0)
+    assert min(off(each, picture) for each in reaching_beyond(guess, 1280, 720)) < 0.01
+    assert reaching_beyond(0.5 * picture + [0, 150], 1280, 720) == []  # all in view
 
 
 def test_edges_of_a_display_that_leaves_the_image_are_told_from_others_by_what_toggles() -> None:

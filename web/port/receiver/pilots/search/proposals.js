@@ -168,7 +168,7 @@ export class Proposer {
     yield OUTLINE_WORK;
     const outlineCells = outlineRegions(logOdds, columns);
     yield OUTLINE_WORK;
-    const bounded = leavingCells.length > 0 ? [whole, partly] : [whole];
+    const bounded = leavingCells.length > 0 ? [partly, whole] : [whole];
     const portraitCells = [];
     for (const quads of bounded) portraitCells.push(...portraitParts(quads, logOdds, columns));
     const [outlines, leaving, portraits] = [outlineCells, leavingCells, portraitCells].map((quads) =>

@@ -6,13 +6,14 @@
 
 import { receiverPilotsSearchRegions } from "../../../../generated/constants.js";
 import {
-  frameCorners, homographyFromCorners, sideLengths, signedArea, transform,
+  frameCorners, homographyFromCorners, inImage, sideLengths, signedArea, transform,
 } from "../../../link/geometry.js";
+import { dot } from "../../../link/linear.js";
 import { isNested, rolled } from "../../locate/quads.js";
 
 const {
   REGIONS, LEAST_CELLS, MOST_ODDS, BEYOND_CELLS, BEYOND_ODDS, LEAVING_ODDS, STEPS,
-  SURELY_LYING, MOST_MOVES, MOVES, PICTURE_SHARES, PORTRAITS, PORTRAIT_PART,
+  SURELY_LYING, MOST_MOVES, MOVES, PICTURE_SHARES, PORTRAITS, PORTRAIT_PART, FOCAL_SHARE,
 } = receiverPilotsSearchRegions;
 
 /**
@@ -90,6 +91,55 @@ export function portraitParts(quads, logOdds, width) {
     quad.map((_, side) => atLeft(rolled(quad, side), PORTRAIT_PART)),
   );
   return likeliestFirst(parts, logOdds, width).slice(0, PORTRAITS);
+}
+
+/**
+ * Place what is not seen of a portrait picture that is longer than the image, by its shape: three sides
+ * of a rectangle tell how it lies in space, and one length the others.
+ *
+ * @param {Point[]} portrait - pixels, clockwise; a side of which both corners are outside the image is
+ *   taken for a guess, and the others for right
+ * @param {number} width - of the image, pixels
+ * @param {number} height - of the image, pixels
+ * @returns {Point[][]} for each short side that is outside, the picture with this side where one of 9:16
+ *   has it before a camera of `FOCAL_SHARE`
+ */
+export function reachingBeyond(portrait, width, height) {
+  const standing = rolled(lying(portrait), 1);
+  const middle = [(width - 1) / 2, (height - 1) / 2];
+  const focal = FOCAL_SHARE * Math.max(width, height);
+  const ray = (/** @type {Point} */ point) => [
+    ...point.map((place, axis) => (place - middle[axis]) / focal), 1,
+  ];
+  const seen = (/** @type {number[]} */ [x, y, z]) =>
+    /** @type {Point} */ ([x, y].map((place, axis) => (place / z) * focal + middle[axis]));
+  const found = [];
+  for (const quad of [standing, rolled(standing, 2)]) {
+    if (inImage(quad.slice(0, 2), width, height).some(Boolean)) continue;
+    const [a, b, c, d] = quad.map(ray); // to the corners
+    const along = cross(cross(d, a), cross(c, b)); // where both long sides go to
+    const across = cross(cross(d, c), along);
+    const [cSide, dSide] = [cross(c, across), cross(d, across)];
+    const far = dot(cSide, dSide) / dot(cSide, cSide);
+    const corner = c.map((part) => far * part); // so far away that it is beside d
+    const sign = Math.sign(dot(along, a) - dot(along, d));
+    const long = (16 / 9) * Math.hypot(...corner.map((part, k) => part - d[k]));
+    const ends = [d, corner].map((end) =>
+      end.map((part, k) => part + (sign * long * along[k]) / Math.hypot(...along)),
+    );
+    if (ends.every((end) => end[2] > 0)) found.push([...ends.map(seen), quad[2], quad[3]]);
+  }
+  return found;
+}
+
+/**
+ * Multiply two vectors in space.
+ *
+ * @param {number[]} one
+ * @param {number[]} other
+ */
+function cross([x, y, z], [u, v, w]) {
+  return [y * w - z * v, z * u - x * w, x * v - y * u];
 }
 
 /**

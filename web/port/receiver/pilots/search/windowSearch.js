@@ -12,7 +12,7 @@ import {
 import {
   COARSE_WORK, LEAVING, NEXT_FRAME, PROMISING, Proposer, STRONGEST, weighSteps,
 } from "./proposals.js";
-import { aboutMiddle, panelsOf, picturesIn, waysUp } from "./regions.js";
+import { aboutMiddle, panelsOf, picturesIn, reachingBeyond, waysUp } from "./regions.js";
 import { HINT, verifySteps } from "./settle.js";
 
 /** @typedef {import("./proposals.js").Proposal} Proposal */
@@ -150,11 +150,14 @@ export class WindowSearch {
     const snapped = regions.length > 0 ? yield* this.#proposer.snapped(regions[0]) : [];
     const between = picturesIn([...panelsOf(edges), ...panelsOf(first)]);
     const partly = picturesIn(leaving.length > 0 ? this.#proposer.partlySeen.slice(0, LEAVING) : []);
+    const { width, height } = this.watch.reference;
+    const beyond = portraits.slice(0, 1).flatMap((part) => reachingBeyond(part, width, height));
     const proposed = [...snapped, ...regions, ...portraits, ...partly, ...between];
     const bounded =
       (yield* this.#weighCoarsely(proposed)) ??
       (yield* this.#fit([
         ...partly.slice(0, BARRED),
+        ...waysUp(beyond),
         ...waysUp(leaving.slice(0, LEAVING_AT_ONCE)),
         ...this.#bestHints(),
         ...waysUp([...regions.slice(0, 1), ...edges.slice(0, 1)]),
