@@ -88,7 +88,8 @@ class Regions(NamedTuple):
     leaving: list[Array]
     """What may bound a display that leaves the image, where what toggles reaches its border."""
     portraits: list[Array]
-    """Portrait pictures of which one side is not seen (`portrait_parts`)."""
+    """Portrait pictures of which one side is not seen (`portrait_parts`), where the display may
+    leave the image those first that leave it."""
 
 
 @dataclass(frozen=True, eq=False)

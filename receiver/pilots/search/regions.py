@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.geometry import frame_corners, homography_from_corners, in_image, transform
+from link.geometry import in_image
 from link.types import Array
 from receiver.locate.quads import nested
 
@@ -60,6 +60,8 @@ EIGHT = np.array([[x, y] for x in (-1, 0, 1) for y in (-1, 0, 1) if x or y], flo
 """Directions in which corners are tried to be moved, (8, 2)."""
 FOUR = EIGHT[[1, 3, 4, 6]]
 """Directions in which sides are tried to be moved, (4, 2)."""
+UNIT = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+"""Corners of a square, (4, 2), clockwise from the top left."""
 
 
 def outline_regions(log_odds: NDArray[np.float32]) -> list[Array]:
@@ -129,8 +131,8 @@ def about_middle(outline: Array, across: float = 1.0, down: float = 1.0) -> Arra
     >>> about_middle(panel, across=3 / 4).round().tolist()
     [[20.0, 0.0], [140.0, 0.0], [140.0, 90.0], [20.0, 90.0]]
     """
-    places = frame_corners(1, 1) * [across, down]
-    return transform(homography_from_corners(_lying(outline), 1, 1), places)
+    places = 0.5 + (UNIT - 0.5) * [across, down]
+    return np.asarray(_on_quads(_lying(outline)[None], places)[0])
 
 
 def portrait_parts(quads: Array, log_odds: NDArray[np.float32]) -> list[Array]:
@@ -154,7 +156,8 @@ def portrait_parts(quads: Array, log_odds: NDArray[np.float32]) -> list[Array]:
     [[32.0, 18.0], [24.0, 18.0], [24.0, 2.0], [32.0, 2.0]]
     """
     turned = np.concatenate([np.roll(quads, -side, axis=1) for side in range(4)])  # (4 N, 4, 2)
-    return [*_likeliest_first(_at_left(turned, PORTRAIT_PART), log_odds)[:PORTRAITS]]
+    parts = _on_quads(turned, UNIT * [PORTRAIT_PART, 1])
+    return [*_likeliest_first(parts, log_odds)[:PORTRAITS]]
 
 
 def reaching_beyond(portrait: Array, width: int, height: int) -> list[Array]:
@@ -192,27 +195,6 @@ def reaching_beyond(portrait: Array, width: int, height: int) -> list[Array]:
         if (ends[:, 2] > 0).all():  # before the camera
             found.append(np.concatenate([ends[:, :2] / ends[:, 2:] * focal + middle, quad[2:]]))
     return found
-
-
-def _at_left(quads: Array, share: float) -> Array:
-    """Cut rectangles in perspective, and keep what is at their left.
-
-    If each corner weighs as much as the triangle of the other three has area, the middle of a side
-    of the rectangle is the weighted mean of the side's ends, and other points divide it likewise.
-
-    Args:
-        quads: (N, 4, 2) rectangles in perspective, clockwise from the top left.
-        share: width of what is kept, as a share of the rectangle's.
-
-    Returns:
-        (N, 4, 2) what is kept, clockwise from the top left.
-    """
-    ahead, across, back = (np.roll(quads, -k, axis=1) for k in (1, 2, 3))
-    one, other = across - ahead, back - ahead
-    areas = np.abs(one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0])[..., None]
-    left, right = (1 - share) * areas[:, [0, 3]], share * areas[:, [1, 2]]  # (N, 2, 1)
-    cut = (left * quads[:, [0, 3]] + right * quads[:, [1, 2]]) / (left + right)
-    return np.stack([quads[:, 0], cut[:, 0], cut[:, 1], quads[:, 3]], axis=1)
 
 
 def panels_of(quads: Sequence[Array]) -> list[Array]:
@@ -274,6 +256,28 @@ def _likely_turns(quad: Array) -> tuple[int, ...]:
     if across > SURELY_LYING * down:
         return (0,)
     return (3, 1) if down > SURELY_LYING * across else (0, 3, 1)
+
+
+def _on_quads(quads: Array, places: Array) -> Array:
+    """Find where places of rectangles are in their perspective pictures.
+
+    If each corner weighs as much as the triangle of the other three has area, the picture of the
+    rectangle's middle is the weighted mean of the corners, and that of other places likewise.
+
+    Args:
+        quads: (N, 4, 2) pictures of rectangles, clockwise from the top left.
+        places: (P, 2) places x and y, which are 0 and 1 at the corners of a rectangle.
+
+    Returns:
+        (N, P, 2).
+    """
+    ahead, across, back = (np.roll(quads, -k, axis=1) for k in (1, 2, 3))
+    one, other = across - ahead, back - ahead
+    areas = np.abs(one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0])  # (N, 4)
+    x, y = places.T
+    near = np.stack([(1 - x) * (1 - y), x * (1 - y), x * y, (1 - x) * y], axis=1)  # (P, 4)
+    weights = near * areas[:, None]  # (N, P, 4)
+    return np.asarray(weights @ quads / weights.sum(axis=2, keepdims=True))
 
 
 def _lying(quad: Array) -> Array:

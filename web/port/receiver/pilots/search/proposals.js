@@ -152,7 +152,7 @@ export class Proposer {
    * @returns {Steps<{ outlines: Point[][], leaving: Point[][], portraits: Point[][] }>} outlines of
    *   displays, whatever edges they have, to some blocks; what may bound a display which leaves the
    *   image, where what toggles reaches its border; and portrait pictures of which one side is not seen
-   *   (`portraitParts`); the likeliest first
+   *   (`portraitParts`), then those first that leave the image; the likeliest first
    */
   *regions(edges) {
     const { frames, width, height } = this.#watch.stills;

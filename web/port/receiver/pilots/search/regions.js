@@ -5,15 +5,14 @@
  */
 
 import { receiverPilotsSearchRegions } from "../../../../generated/constants.js";
-import {
-  frameCorners, homographyFromCorners, inImage, sideLengths, signedArea, transform,
-} from "../../../link/geometry.js";
+import { inImage, sideLengths, signedArea } from "../../../link/geometry.js";
 import { dot } from "../../../link/linear.js";
 import { isNested, rolled } from "../../locate/quads.js";
 
 const {
   REGIONS, LEAST_CELLS, MOST_ODDS, BEYOND_CELLS, BEYOND_ODDS, LEAVING_ODDS, STEPS,
   SURELY_LYING, MOST_MOVES, MOVES, PICTURE_SHARES, PORTRAITS, PORTRAIT_PART, FOCAL_SHARE,
+  UNIT,
 } = receiverPilotsSearchRegions;
 
 /**
@@ -73,8 +72,8 @@ export function leavingRegions(quads, logOdds, width) {
  *   or turned to the left
  */
 export function aboutMiddle(outline, across, down) {
-  const places = frameCorners(1, 1).map(([x, y]) => /** @type {Point} */ ([x * across, y * down]));
-  return transform(homographyFromCorners(lying(outline), 1, 1), places);
+  const places = UNIT.map(([x, y]) => [0.5 + (x - 0.5) * across, 0.5 + (y - 0.5) * down]);
+  return onQuad(lying(outline), places);
 }
 
 /**
@@ -88,7 +87,7 @@ export function aboutMiddle(outline, across, down) {
  */
 export function portraitParts(quads, logOdds, width) {
   const parts = quads.flatMap((quad) =>
-    quad.map((_, side) => atLeft(rolled(quad, side), PORTRAIT_PART)),
+    quad.map((_, side) => onQuad(rolled(quad, side), UNIT.map(([x, y]) => [x * PORTRAIT_PART, y]))),
   );
   return likeliestFirst(parts, logOdds, width).slice(0, PORTRAITS);
 }
@@ -140,26 +139,6 @@ export function reachingBeyond(portrait, width, height) {
  */
 function cross([x, y, z], [u, v, w]) {
   return [y * w - z * v, z * u - x * w, x * v - y * u];
-}
-
-/**
- * Cut a rectangle in perspective, and keep what is at its left. If each corner weighs as much as the
- * triangle of the other three has area, the middle of a side of the rectangle is the weighted mean of
- * the side's ends, and other points divide it likewise.
- *
- * @param {Point[]} quad - clockwise from the top left
- * @param {number} share - width of what is kept, as a share of the rectangle's
- * @returns {Point[]} what is kept, clockwise from the top left
- */
-function atLeft(quad, share) {
-  const areas = quad.map((_, at) => Math.abs(signedArea(rolled(quad, at + 1).slice(0, 3))));
-  const cut = (/** @type {number} */ from, /** @type {number} */ to) => {
-    const [left, right] = [(1 - share) * areas[from], share * areas[to]];
-    const between = (/** @type {0 | 1} */ axis) =>
-      (left * quad[from][axis] + right * quad[to][axis]) / (left + right);
-    return /** @type {Point} */ ([between(0), between(1)]);
-  };
-  return [quad[0], cut(0, 1), cut(3, 2), quad[3]];
 }
 
 /**
@@ -216,6 +195,25 @@ function likelyTurns(quad) {
   const [top, right, bottom, left] = sideLengths(quad);
   if (top + bottom > SURELY_LYING * (right + left)) return [0];
   return right + left > SURELY_LYING * (top + bottom) ? [3, 1] : [0, 3, 1];
+}
+
+/**
+ * Find where places of a rectangle are in its perspective picture. If each corner weighs as much as the
+ * triangle of the other three has area, the picture of the rectangle's middle is the weighted mean of
+ * the corners, and that of other places likewise.
+ *
+ * @param {Point[]} quad - picture of the rectangle, clockwise from the top left
+ * @param {number[][]} places - which are 0 and 1 at the corners of the rectangle
+ */
+function onQuad(quad, places) {
+  const areas = quad.map((_, at) => Math.abs(signedArea(rolled(quad, at + 1).slice(0, 3))));
+  return places.map(([x, y]) => {
+    const near = [(1 - x) * (1 - y), x * (1 - y), x * y, (1 - x) * y];
+    const weights = near.map((share, at) => share * areas[at]);
+    const [left, top] = [0, 1].map((axis) => dot(weights, quad.map((corner) => corner[axis])));
+    const sum = dot(weights, [1, 1, 1, 1]);
+    return /** @type {Point} */ ([left / sum, top / sum]);
+  });
 }
 
 /**
