@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from link.geometry import in_image
 from link.types import Array
+from receiver.locate.corner_motion import UNIT_SQUARE
 from receiver.locate.quads import nested
 
 REGIONS = 2
@@ -42,6 +43,8 @@ as shares of the width of a display of 16:9."""
 PORTRAIT_PART = 2 * PICTURE_SHARES[-1] / (1 + PICTURE_SHARES[-1])
 """Width of a picture of 9:16 in the middle of a display of 16:9, as a share of the width from one
 of its sides to the opposite side of the display."""
+PORTRAIT_LENGTH = 16 / 9
+"""Length of a portrait picture of 9:16, in widths."""
 PORTRAITS = 3
 """Largest number of portrait pictures that are proposed where a side of theirs is not seen. It
 bounds the work; chosen by hand."""
@@ -60,8 +63,6 @@ EIGHT = np.array([[x, y] for x in (-1, 0, 1) for y in (-1, 0, 1) if x or y], flo
 """Directions in which corners are tried to be moved, (8, 2)."""
 FOUR = EIGHT[[1, 3, 4, 6]]
 """Directions in which sides are tried to be moved, (4, 2)."""
-UNIT = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-"""Corners of a square, (4, 2), clockwise from the top left."""
 
 
 def outline_regions(log_odds: NDArray[np.float32]) -> list[Array]:
@@ -131,7 +132,7 @@ def about_middle(outline: Array, across: float = 1.0, down: float = 1.0) -> Arra
     >>> about_middle(panel, across=3 / 4).round().tolist()
     [[20.0, 0.0], [140.0, 0.0], [140.0, 90.0], [20.0, 90.0]]
     """
-    places = 0.5 + (UNIT - 0.5) * [across, down]
+    places = 0.5 + (UNIT_SQUARE - 0.5) * [across, down]
     return np.asarray(_on_quads(_lying(outline)[None], places)[0])
 
 
@@ -156,7 +157,7 @@ def portrait_parts(quads: Array, log_odds: NDArray[np.float32]) -> list[Array]:
     [[32.0, 18.0], [24.0, 18.0], [24.0, 2.0], [32.0, 2.0]]
     """
     turned = np.concatenate([np.roll(quads, -side, axis=1) for side in range(4)])  # (4 N, 4, 2)
-    parts = _on_quads(turned, UNIT * [PORTRAIT_PART, 1])
+    parts = _on_quads(turned, UNIT_SQUARE * [PORTRAIT_PART, 1])
     return [*_likeliest_first(parts, log_odds)[:PORTRAITS]]
 
 
@@ -190,7 +191,7 @@ def reaching_beyond(portrait: Array, width: int, height: int) -> list[Array]:
         across = np.cross(np.cross(d, c), along)
         c_side, d_side = np.cross(c, across), np.cross(d, across)
         corner = c * (c_side @ d_side) / (c_side @ c_side)  # so far away that it is beside d
-        long = along * np.linalg.norm(corner - d) * 16 / 9
+        long = along * np.linalg.norm(corner - d) * PORTRAIT_LENGTH
         ends = np.array([d + long, corner + long])
         if (ends[:, 2] > 0).all():  # before the camera
             found.append(np.concatenate([ends[:, :2] / ends[:, 2:] * focal + middle, quad[2:]]))

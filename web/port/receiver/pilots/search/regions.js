@@ -4,16 +4,17 @@
  * largest (receiver/pilots/search/regions.py).
  */
 
-import { receiverPilotsSearchRegions } from "../../../../generated/constants.js";
+import { receiverLocateCornerMotion, receiverPilotsSearchRegions } from "../../../../generated/constants.js";
 import { inImage, sideLengths, signedArea } from "../../../link/geometry.js";
 import { dot } from "../../../link/linear.js";
 import { isNested, rolled } from "../../locate/quads.js";
 
 const {
   REGIONS, LEAST_CELLS, MOST_ODDS, BEYOND_CELLS, BEYOND_ODDS, LEAVING_ODDS, STEPS,
-  SURELY_LYING, MOST_MOVES, MOVES, PICTURE_SHARES, PORTRAITS, PORTRAIT_PART, FOCAL_SHARE,
-  UNIT,
+  SURELY_LYING, MOST_MOVES, MOVES, PICTURE_SHARES, PORTRAITS, PORTRAIT_LENGTH, PORTRAIT_PART,
+  FOCAL_SHARE,
 } = receiverPilotsSearchRegions;
+const { UNIT_SQUARE } = receiverLocateCornerMotion;
 
 /**
  * Sums of the cells to the left in each row of a map with margins of `BEYOND_CELLS`, and how many there
@@ -72,7 +73,7 @@ export function leavingRegions(quads, logOdds, width) {
  *   or turned to the left
  */
 export function aboutMiddle(outline, across, down) {
-  const places = UNIT.map(([x, y]) => [0.5 + (x - 0.5) * across, 0.5 + (y - 0.5) * down]);
+  const places = UNIT_SQUARE.map(([x, y]) => [0.5 + (x - 0.5) * across, 0.5 + (y - 0.5) * down]);
   return onQuad(lying(outline), places);
 }
 
@@ -86,9 +87,8 @@ export function aboutMiddle(outline, across, down) {
  * @returns {Point[][]} at most `PORTRAITS` pictures in cells, clockwise; the likeliest first
  */
 export function portraitParts(quads, logOdds, width) {
-  const parts = quads.flatMap((quad) =>
-    quad.map((_, side) => onQuad(rolled(quad, side), UNIT.map(([x, y]) => [x * PORTRAIT_PART, y]))),
-  );
+  const atLeft = UNIT_SQUARE.map(([x, y]) => [x * PORTRAIT_PART, y]);
+  const parts = quads.flatMap((quad) => quad.map((_, side) => onQuad(rolled(quad, side), atLeft)));
   return likeliestFirst(parts, logOdds, width).slice(0, PORTRAITS);
 }
 
@@ -122,7 +122,7 @@ export function reachingBeyond(portrait, width, height) {
     const far = dot(cSide, dSide) / dot(cSide, cSide);
     const corner = c.map((part) => far * part); // so far away that it is beside d
     const sign = Math.sign(dot(along, a) - dot(along, d));
-    const long = (16 / 9) * Math.hypot(...corner.map((part, k) => part - d[k]));
+    const long = PORTRAIT_LENGTH * Math.hypot(...corner.map((part, k) => part - d[k]));
     const ends = [d, corner].map((end) =>
       end.map((part, k) => part + (sign * long * along[k]) / Math.hypot(...along)),
     );
