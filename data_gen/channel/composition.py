@@ -116,6 +116,9 @@ class Viewpoint:
     """Standard deviation of the noise relative to that of a single native pixel."""
     lamp: NDArray[np.float64]
     """(2,) position of a lamp's mirror image in the display, as `display.room_light` takes it."""
+    stray: Light | None = None
+    """Light that a lamp throws over the image through the lens, (H, W, 1) float32; 1 saturates the
+    sensor. None for none."""
     surroundings: tuple[Layer, ...] = ()
     """The room around the display, from the farthest layer to the nearest; nothing for an even dark
     of `optics.SURROUNDINGS`, which shares every gain of the display's light."""
@@ -235,6 +238,8 @@ class Shot:
             left, top, right, bottom = self.region
             if right > left and bottom > top:
                 self._lay_display(exposure[top:bottom, left:right], light)
+            if view.stray is not None:
+                exposure += view.stray
             for gain in self.image_gains:
                 exposure *= gain
         return np.asarray(np.minimum(exposure, 1.0, out=exposure), np.float32)

@@ -119,8 +119,21 @@ def room_light(display: Display, height: int, width: int, lamp: NDArray[np.float
     Returns:
         (height, width) float32; frontal white is 1.
     """
-    spot_x, spot_y = lamp
-    x = (np.arange(width) / width - spot_x) / GLARE_SIZE
-    y = (np.arange(height) / height - spot_y) * height / width / GLARE_SIZE
-    spot = np.exp(-0.5 * x**2) * np.exp(-0.5 * y**2)[:, None]
+    spot = light_spot(height, width, lamp, GLARE_SIZE)
     return np.asarray(display.haze + display.glare * spot, np.float32)
+
+
+def light_spot(
+    height: int, width: int, middle: NDArray[np.float64], size: float
+) -> NDArray[np.float64]:
+    """Make a round spot of light, (height, width), which is 1 in its middle and fades (Gaussian).
+
+    Args:
+        height: height of the image, pixels.
+        width: width of the image, pixels.
+        middle: (2,) x and y of the spot, in widths and heights of the image.
+        size: standard deviation of the spot, in widths of the image.
+    """
+    x = (np.arange(width) / width - middle[0]) / size
+    y = (np.arange(height) / height - middle[1]) * height / width / size
+    return np.asarray(np.exp(-0.5 * x**2) * np.exp(-0.5 * y**2)[:, None])

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tyro.conf import Fixed, Suppress
 
 from data_gen.channel.composition import Layer, Viewpoint, repeat_channels
-from data_gen.channel.display import Emission, Light, fall_to_corners, room_light
+from data_gen.channel.display import Emission, Light, fall_to_corners, light_spot, room_light
 from data_gen.channel.metering import metered_gain
 from data_gen.channel.optics import (
     CAPTURE_WIDTH,
@@ -41,6 +41,9 @@ MIN_DISTANCE, MAX_DISTANCE = 0.7, 30.0
 """Smallest and largest distance of the camera, in longer sides of the picture."""
 MAX_CORNER_OUTSIDE = 0.3
 """Largest share of the picture's width by which a corner may lie outside the image."""
+STRAY_SIZE = (0.05, 0.2)
+"""Smallest and largest standard deviation of a spot of stray light, in widths of the image
+(assumed)."""
 MIN_IMAGE_SIDE = 64
 """Fewest pixels that the image may have along an axis."""
 
@@ -68,6 +71,9 @@ class SceneSettings:
     outside: float = 0.0
     """Share of the picture's width, 0 to 0.3, by which a corner lies beyond a side of the image
     that is drawn at random; with 0 the whole picture is in view."""
+    stray: float = 0.0
+    """Brightest light, 0 to 1, that a lamp throws over the image through the lens, as a share of
+    what saturates the sensor. It is a spot that stays where it is in the image."""
     margin_px: int = 48
     """Number of pixels drawn beyond each side of the image, for a camera that moves."""
 
@@ -90,6 +96,7 @@ class SceneSettings:
             turn=(-360, 360, " degrees"),
             free=(0, 0.2, " of the image"),
             outside=(0, MAX_CORNER_OUTSIDE, " of the picture's width"),
+            stray=(0, 1, " of saturation"),
         )
         if self.room is not None:
             choose(ROOMS, self.room, "room")
@@ -148,6 +155,8 @@ class Scene:
     """Projection (3, 4) of the camera, as `optics.scene_camera` gives it."""
     painted: PaintedRoom
     """The room around the picture."""
+    stray: float = 0.0
+    """Brightest stray light, as a share of what saturates the sensor."""
 
     @property
     def corners(self) -> NDArray[np.float64]:
@@ -160,10 +169,13 @@ class Scene:
         return _area(self.corners) / (self.size[0] * self.size[1])
 
     def viewpoint(self, rng: np.random.Generator) -> Viewpoint:
-        """Return the scene's camera, ready for shots; ``rng`` draws the mirrored lamp."""
+        """Return the scene's camera, ready for shots; ``rng`` draws where lamps are seen."""
         layout, pair = self.layout, self.pair
         camera, (width, height) = pair.camera, self.size
-        lamp = rng.uniform(0, 1, 2)
+        lamp, stray = rng.uniform(0, 1, 2), None
+        if self.stray:
+            spot = light_spot(height, width, rng.uniform(0, 1, 2), rng.uniform(*STRAY_SIZE))
+            stray = np.asarray(self.stray * spot[:, :, None], np.float32)
         iso = max(1.0, metered_gain(pair, self.view_deg))
         noise_scale = pair.nuisance(self.view_deg).noise_scale
         return Viewpoint(
@@ -178,6 +190,7 @@ class Scene:
             iso=iso,
             noise_scale=noise_scale * width / CAPTURE_WIDTH,  # native pixels pooled in one
             lamp=lamp,
+            stray=stray,
             surroundings=self.painted.layers(pair),
         )
 
@@ -270,6 +283,7 @@ def draw_scene(
         H_captured_from_display=H,
         camera=camera,
         painted=painted,
+        stray=settings.stray,
     )
 
 

@@ -108,6 +108,23 @@ def test_an_exposure_ends_at_saturation(room: bool) -> None:
     np.testing.assert_allclose(longer, np.minimum(8 * once, 1), rtol=20 * FLOAT32)
 
 
+def test_stray_light_adds_a_spot_wherever_the_camera_looks() -> None:
+    layout, rng = SCENE.layout, np.random.default_rng(0)
+    settings = SceneSettings(size=(160, 96), room="dark", coverage=0.2, stray=0.3)
+    made = draw_scene(layout, get_pair("canon-lg"), 0.0, rng, settings)
+    black = np.zeros((layout.height, layout.width, 3), np.uint8)
+    lit = made.viewpoint(np.random.default_rng(1))
+    H = made.H_captured_from_display
+    for motion in (np.eye(3), np.array([[1, 0, 20], [0, 1, 5], [0, 0, 1.0]])):
+        shot = Shot(lit, motion @ H, motions=(motion,) * len(lit.surroundings))
+        unlit = replace(shot, viewpoint=replace(lit, stray=None))
+        added = shot.expose(black) - unlit.expose(black)
+        spot = added[..., 1] / lit.lens[..., 0]
+        assert spot.min() >= -FLOAT32
+        assert 0.25 < spot.max() <= 0.3 + FLOAT32
+        np.testing.assert_allclose(spot, lit.stray[..., 0], atol=20 * FLOAT32)
+
+
 def still(pair: Pair) -> Image:
     return film(pair, SCENE).original
 
