@@ -27,6 +27,9 @@ LEAST_FACTOR = 0.7
 """Smallest share of its distance from the centre at which a lens shows a point. It is reached
 outside the image; at two thirds, points farther out would begin to come back."""
 
+UNIT_SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+"""Corners of a picture whose sides are 1."""
+
 
 @dataclass(frozen=True)
 class Lens:
@@ -255,9 +258,13 @@ def homography_from_corners(corners: ArrayLike, width: int, height: int) -> NDAr
     >>> transform(H, [[0, 0], [39, 19]]).round(6).tolist()
     [[9.75, 4.75], [29.25, 14.25]]
     """
-    display = frame_corners(width, height).astype(np.float32)
-    captured = np.asarray(corners, np.float32)
-    return np.asarray(cv2.getPerspectiveTransform(display, captured), np.float64)
+    return homography_from_points(frame_corners(width, height), corners)
+
+
+def homography_from_points(source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
+    """Find the (3, 3) homography that maps four points, ``source`` (4, 2), to ``target`` (4, 2)."""
+    source, target = np.asarray(source, np.float32), np.asarray(target, np.float32)
+    return np.asarray(cv2.getPerspectiveTransform(source, target), np.float64)
 
 
 def resized_homography(x: float, y: float) -> NDArray[np.float64]:

@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.geometry import frame_corners, in_image, transform
+from link.geometry import frame_corners, homography_from_points, in_image, transform
 from link.layout import Layout
 from link.ratex import TILES, tile_levels
 from link.robust import MAD_TO_SIGMA, reweighted, ridge_solution
 from link.types import Corners
-from receiver.locate.corner_motion import four_point_homography, points_by_corners
+from receiver.locate.corner_motion import points_by_corners
 from receiver.locate.patches import DRAWN_KAPPA, Pyramid, at_level, level_for
 
 PHASES = ((6, 6, False), (6, 2, True))
@@ -110,7 +110,7 @@ def _align_phase(
     start = c.copy()
     points, basis = _grid(layout, fine, free)
     unit = frame_corners(width, height)
-    first = transform(four_point_homography(unit, c), points)
+    first = transform(homography_from_points(unit, c), points)
     seen = in_image(first, image.shape) & np.repeat(used, len(points) // len(used))
     if not seen.all():
         points, basis = points[seen], basis[seen]

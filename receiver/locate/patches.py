@@ -10,13 +10,20 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.geometry import homography_from_corners, in_image, resampled, transform
+from link.geometry import (
+    UNIT_SQUARE,
+    homography_from_corners,
+    homography_from_points,
+    in_image,
+    resampled,
+    transform,
+)
 from link.images import averaged_down
 from link.layout import Layout
 from link.ratex import TILES, patch_centres, tile_levels
 from link.robust import reweighted, ridge_solution
 from link.types import Corners
-from receiver.locate.corner_motion import UNIT_SQUARE, four_point_homography, points_by_corners
+from receiver.locate.corner_motion import points_by_corners
 
 TILE_PX = 4
 """Pixels along each axis of a tile where patches are sought: places are found to whole pixels, and
@@ -217,8 +224,8 @@ def corners_from_patches(corners: Corners, found: NDArray[np.float64], layout: L
         return at
 
     def misfit(at: NDArray[np.float64]) -> NDArray[np.float64]:
-        there = transform(four_point_homography(UNIT_SQUARE, at), nominal)
+        there = transform(homography_from_points(UNIT_SQUARE, at), nominal)
         return np.asarray(np.linalg.norm(moved - there, axis=1))
 
     at, _ = reweighted(solve, misfit, lambda _: 2 * PLACE_ERROR, 4, np.ones(len(moved)))
-    return transform(four_point_homography(UNIT_SQUARE, corners), at)
+    return transform(homography_from_points(UNIT_SQUARE, corners), at)

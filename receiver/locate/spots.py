@@ -13,11 +13,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.geometry import in_image, transform
+from link.geometry import UNIT_SQUARE, homography_from_points, in_image, transform
 from link.layout import Layout
 from link.ratex import TILES, patch_centres, tile_levels
 from link.steps import Steps
-from receiver.locate.corner_motion import UNIT_SQUARE, four_point_homography
 from receiver.locate.quads import distinct, is_sound
 from receiver.locate.refine import OUTSIDE
 
@@ -174,7 +173,7 @@ def whole_quads(found: list[Matches], layout: Layout, size: tuple[int, int]) -> 
     points, rank = np.concatenate(quads), np.concatenate(ranks)
     points = points[distinct(points, rank, WHOLE_QUADS, SAME_WHOLE_PX)]
     centres = patch_centres(layout)[corners]
-    whole = [transform(four_point_homography(centres, quad), UNIT_SQUARE) for quad in points]
+    whole = [transform(homography_from_points(centres, quad), UNIT_SQUARE) for quad in points]
     return np.array(whole, np.float64).reshape(-1, 4, 2)
 
 

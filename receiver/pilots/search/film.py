@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from link.geometry import (
     corners_apart,
     homography_from_corners,
+    homography_from_points,
     rectify,
     resized_homography,
     transform,
 )
 from link.layout import Layout
 from link.types import Array, Corners, Gray, Homography
-from receiver.locate.corner_motion import four_point_homography
 from receiver.pilots.motion import GridMaps
 from receiver.pilots.outline import Border, Outline
 from receiver.pilots.stabilise import Tracks
@@ -201,7 +201,7 @@ class MovingOutline:
         elif float(np.abs(corners - shown).max()) > APART * self.size:
             self._votes += self._border.is_rather(gray, corners, shown)
             self._votes -= self._border.is_rather(gray, shown, corners)
-        return Surrounded(self, four_point_homography(self.quad, corners))
+        return Surrounded(self, homography_from_points(self.quad, corners))
 
 
 def positions(frames: Sequence[HeldFrame]) -> list[float]:

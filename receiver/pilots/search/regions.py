@@ -13,9 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.geometry import in_image
+from link.geometry import UNIT_SQUARE, in_image
 from link.types import Array
-from receiver.locate.corner_motion import UNIT_SQUARE
 from receiver.locate.quads import nested
 
 REGIONS = 2

@@ -4,7 +4,7 @@
  * largest (receiver/pilots/search/regions.py).
  */
 
-import { receiverLocateCornerMotion, receiverPilotsSearchRegions } from "../../../../generated/constants.js";
+import { geometry, receiverPilotsSearchRegions } from "../../../../generated/constants.js";
 import { inImage, sideLengths, signedArea } from "../../../link/geometry.js";
 import { dot } from "../../../link/linear.js";
 import { isNested, rolled } from "../../locate/quads.js";
@@ -14,7 +14,7 @@ const {
   SURELY_LYING, MOST_MOVES, MOVES, PICTURE_SHARES, PORTRAITS, PORTRAIT_LENGTH, PORTRAIT_PART,
   FOCAL_SHARE,
 } = receiverPilotsSearchRegions;
-const { UNIT_SQUARE } = receiverLocateCornerMotion;
+const { UNIT_SQUARE } = geometry;
 
 /**
  * Sums of the cells to the left in each row of a map with margins of `BEYOND_CELLS`, and how many there
