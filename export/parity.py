@@ -42,10 +42,8 @@ FILM_WINDOWS, FILM_SEED = 9, 1
 """Number of the windows of film that are compared, and their seed."""
 FILM_GRIDS = ((16, 16), (24, 32), (48, 64))
 """Rows and columns of the grids of the windows that are compared."""
-REGION_TOLERANCE, REGION_BOUND = 0.02, 10.0
-"""Largest difference of the log-odds of a map, whose weights are rounded to float16 in the graph,
-and the bound beyond which log-odds count as the bound: cells beyond are as sure as any. Cells of
-log-odds within the tolerance may differ in sign."""
+REGION_BOUND = 10.0
+"""Bound beyond which the log-odds of a map count as the bound: cells beyond are as sure as any."""
 REGION_SIZES = ((3, 96, 128), (13, 360, 640), (9, 357, 203))
 """Number, height and width of the frames of which maps are compared."""
 REGION_NOISE, REGION_CHANGE = 3.0, 6
@@ -140,7 +138,7 @@ def compare_regions(module: DisplayRegion, graph: RegionGraph) -> Parity:
 
     Returns:
         what was found; log-odds count as `REGION_BOUND` says, and cells count as different bits
-        where they exceed `REGION_TOLERANCE`.
+        where they exceed `TOLERANCE`.
     """
     rng = np.random.default_rng(FILM_SEED)
     module.eval()
@@ -156,7 +154,7 @@ def compare_regions(module: DisplayRegion, graph: RegionGraph) -> Parity:
                 maps = np.clip([ours, graph.log_odds(stills)], -REGION_BOUND, REGION_BOUND)
                 yield maps[0].ravel(), maps[1].ravel()
 
-    return _compared(both(), REGION_TOLERANCE, clear=REGION_TOLERANCE)
+    return _compared(both(), TOLERANCE, clear=TOLERANCE)
 
 
 def _compared(both: Iterator[Both], tolerance: float, clear: float) -> Parity:

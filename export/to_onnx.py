@@ -158,7 +158,7 @@ def film_to_onnx(module: FilmDecoder) -> bytes:
 def region_to_onnx(module: DisplayRegion) -> bytes:
     """Turn the map of displays into an ONNX model; the frames' number and size are free.
 
-    The weights of its convolutions are rounded to float16.
+    The weights of its convolutions are kept as float16, to which training has rounded them.
 
     Args:
         module: the map in torch.

@@ -23,6 +23,7 @@ from torch import Tensor
 from torch.nn.functional import binary_cross_entropy_with_logits
 from tqdm import tqdm
 
+from data_gen.effects import with_parameter
 from data_gen.film.codec import CodecSettings, through_codec
 from data_gen.film.frame import VideoFrame
 from data_gen.film.message import IN_STEP, plain_states
@@ -72,6 +73,13 @@ that the picture then covers, and share of those with bars at the left and the r
 COVERAGE, LEAVING, OUTSIDE = (0.07, 0.8), 0.35, (0.02, 0.3)
 """Least and largest share of the image that a display covers, drawn by its logarithm; share of
 displays that leave the image; and by which share of their width these do."""
+DARK, DARK_SHARE = 0.3, (0.1, 0.6)
+"""Share of the still pictures that are made darker, and to which least and largest share of their
+gray levels."""
+GLARE, STRAY, LAMP_LIGHT = 0.25, 0.35, (0.02, 0.5)
+"""Shares of films with a bright lamp mirrored in the display, and with one whose light the lens
+throws over the image; least and largest light of these lamps where it is brightest, as shares of
+frontal white and of what saturates the sensor, drawn by its logarithm."""
 MAX_VIEW_DEG = 55.0
 """Largest angle of observation, degrees."""
 COUNTS = (8, 12, 23)
@@ -168,8 +176,12 @@ def draw_film(split: str, seed: int, number: int) -> DrawnFilm:
     source = Source(preset.layout, split, seed)
     pictures = shuffled_pictures(source)
     rgb = pictures[int(rng.integers(len(pictures)))].rgb
+    if rng.random() < DARK:
+        rgb = np.asarray(rgb * rng.uniform(*DARK_SHARE), np.uint8)
     pairs = pair_names(tuple(GROUPS))
     pair = source.pair(pairs[int(rng.integers(len(pairs)))])
+    if rng.random() < GLARE:
+        pair = with_parameter(pair, "glare", _by_logarithm(rng, LAMP_LIGHT))
     bits = encode(rng.bytes(100), preset.layout.n_bits)
     loop = loop_of_picture(preset.layout, preset.kappa, bits, rgb, preset.even)
     states: States = LoopStates(loop)
@@ -191,11 +203,12 @@ def draw_film(split: str, seed: int, number: int) -> DrawnFilm:
         states = within_bars(states, layout, (left, top), black)
     scene = SceneSettings(
         FILM_PX,
-        float(np.exp(rng.uniform(*np.log(COVERAGE)))),
+        _by_logarithm(rng, COVERAGE),
         pictures=pictures,
         free=0.0,
         second_display=bool(rng.random() < 0.3),
         outside=_sometimes(rng, LEAVING, OUTSIDE),
+        stray=_by_logarithm(rng, LAMP_LIGHT) if rng.random() < STRAY else 0.0,
     )
     phone = PhoneSettings(
         noise_reduction=_sometimes(rng, 0.2, (0, 0.6)),
@@ -219,6 +232,11 @@ def draw_film(split: str, seed: int, number: int) -> DrawnFilm:
 def _sometimes(rng: np.random.Generator, share: float, ends: tuple[float, float]) -> float:
     """Draw a number between two ends in a share of all cases, and 0 in the others."""
     return float(rng.uniform(*ends)) if rng.random() < share else 0.0
+
+
+def _by_logarithm(rng: np.random.Generator, ends: tuple[float, float]) -> float:
+    """Draw a number between two ends, each factor being as likely as any other."""
+    return float(np.exp(rng.uniform(*np.log(ends))))
 
 
 def within_bars(states: States, layout: Layout, at: tuple[int, int], black: int) -> States:
@@ -336,6 +354,9 @@ def fit_map(
         optimiser.step()
         schedule.step()
         log.append({"step": step, "loss": round(float(loss.detach()), 5)})
+    with torch.no_grad():
+        for weights in module.parameters():  # as the graph keeps them
+            weights.copy_(weights.half())
     return module.eval(), log
 
 

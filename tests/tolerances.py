@@ -12,9 +12,6 @@ FILM_SCORE = 0.1
 the page: its rounds are in float32, where differences of 1e-5 in a fit become 0.03 in a score."""
 LOG_ODDS = 1e-3
 """Absolute difference between the log-odds of a map in torch, in onnxruntime and on the page."""
-HALVED_LOG_ODDS = 0.02
-"""Absolute difference between log-odds, within 10, of a map whose weights are rounded to float16
-and of one whose are not; 0.013 was measured."""
 CERTAINTY = 1e-3
 """Absolute difference between a factor found by four Newton steps and by SciPy's bounded search."""
 TWIN_SCORE = 2e-3

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from tolerances import HALVED_LOG_ODDS, LOG_ODDS, SNAPPED_PX
+from tolerances import LOG_ODDS, SNAPPED_PX
 
 from data_gen.film.message import FilmSettings, Take, film_message
 from export.parity import compare_regions
@@ -145,10 +145,7 @@ def test_the_shipped_map_is_that_of_its_checkpoint() -> None:
     state = torch.load(REGION_GRAPH.with_name("decoder.pt"), weights_only=True)
     module.load_state_dict(state, strict=True)
     parity = compare_regions(module, shipped_region_graph())
-    assert parity.holds and parity.tolerance == HALVED_LOG_ODDS
-    halved = {name: x.half().float() if x.ndim == 4 else x for name, x in state.items()}
-    module.load_state_dict(halved, strict=True)
-    assert compare_regions(module, shipped_region_graph()).max_difference < LOG_ODDS
+    assert parity.holds and parity.tolerance == LOG_ODDS
 
 
 @pytest.mark.parametrize("is_seen", [True, False])
