@@ -355,7 +355,7 @@ def fit_map(
         schedule.step()
         log.append({"step": step, "loss": round(float(loss.detach()), 5)})
     with torch.no_grad():
-        for weights in module.parameters():  # as the graph keeps them
+        for weights in module.parameters():  # the graph keeps float16
             weights.copy_(weights.half())
     return module.eval(), log
 
