@@ -23,13 +23,19 @@ from receiver.locate.quads import upright
 from receiver.pilots.motion import moved_corners
 from receiver.pilots.search.film import HeldFrame, positions
 from receiver.pilots.search.parts import COARSE_SIZE, coarse_shift, rough_series, shifted_togglings
-from receiver.pilots.search.regions import leaving_regions, outline_regions, portrait_parts
+from receiver.pilots.search.regions import (
+    leaving_regions,
+    likeliest,
+    outline_regions,
+    portrait_parts,
+)
 from receiver.pilots.search.watch import Watch
 from receiver.pilots.toggling import TogglePattern, Wave, find_toggling
 
-CANDIDATES = 6
-"""Number of quadrilaterals that are made of the edges of an image. It bounds the work; chosen by
-hand."""
+EDGES, STRONGEST = 60, 6
+"""Largest number of quadrilaterals that are made of the edges of an image, of which the map of what
+toggles chooses, and number of those, with the strongest edges, that are weighed whatever it says.
+They bound the work; chosen by hand."""
 VIEW_SIZE = 128, 96
 """Smallest width and height, in pixels, of the small views in which quadrilaterals are weighed: a
 pixel a block of the preset `fast`, and several a block of coarser grids, so that what moves in a
@@ -42,11 +48,8 @@ PARTLY_SEEN = 200
 """Largest number of quadrilaterals of edges with a corner outside the image, of which the map of
 what toggles chooses. It bounds the work; chosen by hand."""
 LEAVING = 2
-"""Number of these quadrilaterals, those of the strongest edges, that are weighed coarsely, too, as
-are pictures between black bars in them. It bounds the work; chosen by hand."""
-STRONGEST = 2
-"""Number of quadrilaterals, those of the strongest edges, that the pilots are fitted to once
-all frames have been watched. It bounds the work; chosen by hand."""
+"""Number of these quadrilaterals, those of the strongest edges, that are weighed coarsely, too, and
+in which pictures between black bars are sought. It bounds the work; chosen by hand."""
 MAPPED = 24
 """Largest number of frames, the newest ones, by which it is mapped what toggles. It bounds the
 work; the network learned from no more."""
@@ -156,14 +159,15 @@ class Proposer:
         self.partly_seen: list[Corners] = []
         """Quadrilaterals of edges, pixels of the reference, that may bound a display which is
         partly in view, those of the strongest edges first; none before `edges` has ended."""
+        self._log_odds: NDArray[np.float32] | None = None  # of the newest map of what toggles
 
     def edges(self) -> Steps[list[Array]]:
         """Propose quadrilaterals of edges, (4, 2) pixels of the reference, the strongest first."""
         reference = self._watch.reference
-        strongest = [candidate.corners for candidate in display_candidates(reference, CANDIDATES)]
+        found = [candidate.corners for candidate in display_candidates(reference, EDGES)]
         yield 2  # it took as long as two other steps
         self.partly_seen = leaving_quads(reference, PARTLY_SEEN)
-        return [*strongest, *self.partly_seen[:LEAVING]]
+        return found
 
     def regions(self, edges: Sequence[Array]) -> Steps[Regions]:
         """Propose quadrilaterals that bound what toggles.
@@ -174,12 +178,9 @@ class Proposer:
         watch, stills = self._watch, self._watch.stills.frames[-MAPPED:]
         if min(stills.shape[1:]) < LEAST_PX:
             return Regions([], [], [])
-        log_odds = shipped_region_graph().log_odds(stills)
+        log_odds = self._log_odds = shipped_region_graph().log_odds(stills)
         yield 1
-        whole, partly = (  # N may be 0
-            np.reshape([(watch.on_copy(quad) + 0.5) / CELL_PX for quad in quads], (-1, 4, 2))
-            for quads in (edges, self.partly_seen)
-        )
+        whole, partly = self._on_cells(edges), self._on_cells(self.partly_seen)
         leaving = leaving_regions(partly, log_odds)
         yield 1
         found = []
@@ -189,6 +190,25 @@ class Proposer:
             quads = upright(CELL_PX * np.reshape(cells, (-1, 4, 2)) - 0.5)  # N may be 0
             found.append([watch.on_image(quad) for quad in quads])
         return Regions(*found)
+
+    def likeliest(self, quads: Sequence[Array], limit: int) -> list[Array]:
+        """Choose by the newest map of what toggles (`receiver.pilots.search.regions.likeliest`).
+
+        Args:
+            quads: (4, 2) pixels of the reference each.
+            limit: largest number chosen.
+
+        Returns:
+            the likeliest first; none before there is a map.
+        """
+        if self._log_odds is None:
+            return []
+        return [quads[i] for i in likeliest(self._on_cells(quads), self._log_odds, limit)]
+
+    def _on_cells(self, quads: Sequence[Array]) -> Array:
+        """Move quadrilaterals of the reference into the cells of a map: (N, 4, 2), upright."""
+        cells = [(self._watch.on_copy(quad) + 0.5) / CELL_PX for quad in quads]
+        return upright(np.reshape(cells, (-1, 4, 2)))  # N may be 0
 
     def snapped(self, region: Array) -> list[Array]:
         """Move the sides of a region to edges that are seen, and to those of what changes.
@@ -225,7 +245,7 @@ class Proposer:
         bright_first = cv2.MORPH_OPEN, cv2.MORPH_CLOSE
         for side, ways in ((1, ()), (BRIGHT_PX, bright_first), (DARK_PX, bright_first[::-1])):
             even = np.asarray(cv2.equalizeHist(_without_details(mean, side, ways)), np.uint8)
-            found = display_candidates(even, CANDIDATES)
+            found = display_candidates(even, EDGES)
             yield [self._watch.on_image(candidate.corners) for candidate in found]
 
     def weigh_coarsely(self, quad: Array, count: int | None = None) -> tuple[float, Proposal]:

@@ -15,8 +15,11 @@ from numpy.typing import NDArray
 
 from link.geometry import UNIT_SQUARE, in_image
 from link.types import Array
-from receiver.locate.quads import nested
+from receiver.locate.quads import distinct, nested, upright
 
+SAME_CELLS = 0.5
+"""Distance, in cells, of all corners below which two quadrilaterals are alike: some one and a half
+blocks of the preset `hidden` in a display of a tenth of the image. Chosen by hand."""
 REGIONS = 2
 """Largest number of displays that are outlined. It bounds the work; chosen by hand."""
 LEAST_CELLS = 12
@@ -91,24 +94,44 @@ def outline_regions(log_odds: NDArray[np.float32]) -> list[Array]:
     return [outline for _, outline in sorted(found, key=lambda each: -each[0])]
 
 
+def likeliest(quads: Array, log_odds: NDArray[np.float32], limit: int) -> NDArray[np.intp]:
+    """Choose the quadrilaterals that are likeliest and differ from one another.
+
+    Args:
+        quads: (N, 4, 2) in cells, clockwise from the corner nearest to the image's top left.
+        log_odds: (h, w) natural log-odds of each cell.
+        limit: largest number chosen.
+
+    Returns:
+        (M,) indices, the likeliest first.
+
+    >>> log_odds = np.full((20, 30), -2, np.float32)
+    >>> log_odds[5:15, 8:24] = 2
+    >>> bounding = np.array([[[8.0, 5], [24, 5], [24, 15], [8, 15]]])
+    >>> likeliest(np.concatenate([bounding + 1, bounding, bounding + 0.1]), log_odds, 2).tolist()
+    [1, 0]
+    """
+    sums = _within(quads + BEYOND_CELLS, _sums(log_odds))
+    return distinct(quads, sums, limit, SAME_CELLS)
+
+
 def leaving_regions(quads: Array, log_odds: NDArray[np.float32]) -> list[Array]:
     """Choose quadrilaterals that may be a display which leaves the image, if one does.
 
     Args:
-        quads: (N, 4, 2) in cells, as `outline_regions` returns them, which edges propose.
+        quads: (N, 4, 2) in cells, as `likeliest` takes them, which edges propose.
         log_odds: (h, w) natural log-odds of each cell.
 
     Returns:
-        none where the outline of the likeliest cells keeps off the image's border; else ``quads``,
-        the likeliest first, but that this outline is the second.
+        none where the outline of the likeliest cells keeps off the image's border; else the
+        likeliest of ``quads``, if there are any, and this outline.
     """
     leaning = log_odds + np.float32(LEAVING_ODDS)
     outlines = outline_regions(leaning)[:1]
     last = np.array(log_odds.shape[::-1]) - 1
     if not outlines or ((outlines[0] > 1) & (outlines[0] < last)).all():
         return []
-    ordered = _likeliest_first(quads, leaning)
-    return [*ordered[:1], *outlines, *ordered[1:]]
+    return [*quads[likeliest(quads, leaning, 1)], *outlines]
 
 
 def about_middle(outline: Array, across: float = 1.0, down: float = 1.0) -> Array:
@@ -147,17 +170,18 @@ def portrait_parts(quads: Array, log_odds: NDArray[np.float32]) -> list[Array]:
         log_odds: (h, w) natural log-odds of each cell.
 
     Returns:
-        at most `PORTRAITS` pictures, (4, 2) in cells, clockwise; the likeliest first.
+        at most `PORTRAITS` pictures that differ, (4, 2) in cells, clockwise from the corner nearest
+        to the image's top left; the likeliest first.
 
     >>> log_odds = np.full((20, 40), -2, np.float32)
     >>> log_odds[2:18, 24:32] = 2
     >>> bounded = np.array([[[15.0, 2], [32, 2], [32, 18], [15, 18]]])  # from bar to picture
     >>> portrait_parts(bounded, log_odds)[0].round().tolist()
-    [[32.0, 18.0], [24.0, 18.0], [24.0, 2.0], [32.0, 2.0]]
+    [[24.0, 2.0], [32.0, 2.0], [32.0, 18.0], [24.0, 18.0]]
     """
     turned = np.concatenate([np.roll(quads, -side, axis=1) for side in range(4)])  # (4 N, 4, 2)
-    parts = _on_quads(turned, UNIT_SQUARE * [PORTRAIT_PART, 1])
-    return [*_likeliest_first(parts, log_odds)[:PORTRAITS]]
+    parts = upright(_on_quads(turned, UNIT_SQUARE * [PORTRAIT_PART, 1]))
+    return [*parts[likeliest(parts, log_odds, PORTRAITS)]]
 
 
 def reaching_beyond(portrait: Array, width: int, height: int) -> list[Array]:
@@ -340,12 +364,6 @@ def _all_moves() -> Array:
 
 MOVES = _all_moves()
 """Moves of corners and sides by a unit, (48, 4, 2)."""
-
-
-def _likeliest_first(quads: Array, log_odds: NDArray[np.float32]) -> Array:
-    """Order quadrilaterals, (N, 4, 2) in cells, by the sums of the log-odds within them."""
-    sums = _within(quads + BEYOND_CELLS, _sums(log_odds))
-    return quads[np.argsort(-sums, kind="stable")]
 
 
 def _convex(quads: Array) -> NDArray[np.bool_]:

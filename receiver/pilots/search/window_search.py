@@ -10,7 +10,7 @@ from itertools import chain, product
 
 from link.layout import Layout
 from link.steps import Steps
-from link.types import Array, Corners
+from link.types import Array
 from receiver.pilots.search.proposals import (
     ANY_TURN,
     LEAVING,
@@ -37,13 +37,13 @@ other steps of the search. Chosen by hand."""
 SURROUNDED = 4
 """Number of quadrilaterals, those of the strongest edges, that are followed by what surrounds them.
 It bounds the work; chosen by hand."""
-LEAVING_AT_ONCE, LEAVING_LATER = 2, 6
-"""Number of quadrilaterals which leave the image that the pilots are fitted to before outlines of
-what toggles, where the display may do so, and after all else. They bound the work; chosen by
-hand."""
-HINTS = 2
-"""Number of quadrilaterals, those of most evidence that is less than promising, that the pilots are
-fitted to. It bounds the work; chosen by hand."""
+BOUNDING = 3
+"""Number of quadrilaterals of edges that the map of what toggles proposes. It bounds the work;
+chosen by hand."""
+PROPOSED, BEFORE_LEAVING = 18, 12
+"""Number of all proposed quadrilaterals, the likeliest by the map, that are weighed, and number of
+those where the display may leave the image: there the pilots' fit finds more. They bound the work;
+chosen with 200 films of another simulation."""
 BARRED = 2
 """Number of pictures between black bars, those of the likeliest shape, that the pilots are fitted
 to. It bounds the work; chosen by hand."""
@@ -62,9 +62,6 @@ class WindowSearch:
     def __init__(self, watch: Watch, layouts: Sequence[Layout]) -> None:
         self.watch = watch
         self._proposer = Proposer(watch, layouts)
-        self._leaving: list[Array] = []  # what may bound a display partly in view, by what toggles
-        # quadrilaterals of evidence that is less than promising: it, and the likeliest corners
-        self._hints: dict[bytes, tuple[float, Corners]] = {}
         self.has_looked = False
         """Whether edges have been weighed coarsely at all."""
         self.is_late = False
@@ -97,67 +94,66 @@ class WindowSearch:
         """Look for the display in the film that follows the reference.
 
         Edges are weighed coarsely soon and after each quarter of the window. After the first time,
-        and once all frames have been watched, faint edges are weighed, and the pilots are fitted to
-        outlines of what toggles. Last, they are fitted to more quadrilaterals that may bound a
-        display of which a part is in view, and to the strongest edges in every way up.
+        and once all frames have been watched, others are weighed, too.
         """
         watch, proposer = self.watch, self._proposer
         edges = yield from proposer.edges()
         watch.surround(edges[:SURROUNDED])
+        strongest = [*edges[:STRONGEST], *proposer.partly_seen[:LEAVING]]
         count, seen = watch.soon, 0
         while seen < watch.window:
             while len(watch.frames) < min(count, watch.window):
                 yield NEXT_FRAME
-                for quad, turn in product(edges, ANY_TURN):  # each frame does its own share
+                for quad, turn in product(strongest, ANY_TURN):  # each frame does its own share
                     proposer.pilots_seen(quad, turn, len(watch.frames))
             first, seen = seen == 0, len(watch.frames)
             count = seen + watch.window // 4
-            if found := (yield from self._weigh_coarsely(edges, seen)):
+            if found := (yield from self._weigh_coarsely(strongest, seen)):
                 return found
             self.has_looked = True
             if first and (found := (yield from self._weigh_others(edges))):
                 return found
         self.is_late = True
-        if found := (yield from self._weigh_others(edges)):
-            return found
-        partly_seen = (self._leaving[LEAVING_AT_ONCE:] or proposer.partly_seen)[:LEAVING_LATER]
-        strongest = edges[:STRONGEST]
-        last = ways_up(partly_seen), ways_up(strongest[1:]), ways_up(strongest, likely=False)
-        return (yield from self._fit(chain(*last)))
+        return (yield from self._weigh_others(edges))
 
     def _weigh_others(self, edges: Sequence[Array]) -> Search:
-        """Weigh faint edges, and fit the pilots to outlines of what toggles and of panels.
+        """Weigh faint edges, and what is likeliest by a map of what toggles.
 
-        What costs least and what is likeliest comes first.
+        The pilots are fitted to the best of it, first to what may leave the image. What costs least
+        and what is likeliest comes first.
 
         Args:
             edges: (4, 2) quadrilaterals of edges in the reference, the strongest first.
         """
-        faint = self._proposer.faint_edges()
+        proposer = self._proposer
+        faint = proposer.faint_edges()
         first = next(faint)
-        if found := (yield from self._weigh_coarsely(first)):
+        strongest = edges[:STRONGEST], first[:STRONGEST]
+        if found := (yield from self._weigh_coarsely(strongest[1])):
             return found
-        regions, self._leaving, portraits = yield from self._proposer.regions([*edges, *first])
-        snapped = self._proposer.snapped(regions[0]) if regions else []
-        between = pictures_in([*panels_of(edges), *panels_of(first)])
-        partly = pictures_in(self._proposer.partly_seen[:LEAVING] if self._leaving else [])
-        proposed = [*snapped, *regions, *portraits, *partly, *between]
-        if found := (yield from self._weigh_coarsely(proposed)):
+        regions, leaving, portraits = yield from proposer.regions([*chain(*strongest)])
+        snapped = proposer.snapped(regions[0]) if regions else []
+        bounding = proposer.likeliest([*edges, *first], BOUNDING)
+        panels = [*bounding[:1], *chain(*map(panels_of, strongest))]
+        partly = pictures_in(proposer.partly_seen[:LEAVING]) if leaving else []
+        between = pictures_in(panels)
+        proposed = [*bounding, *snapped, *regions, *portraits, *between]
+        most = BEFORE_LEAVING if leaving else PROPOSED
+        if found := (yield from self._weigh_coarsely(proposer.likeliest(proposed, most))):
             return found
-        leaving = ways_up(self._leaving[:LEAVING_AT_ONCE])
-        likely = ways_up([*regions[:1], *edges[:1]])
         size = self.watch.reference.shape[1::-1]
         beyond = [quad for part in portraits[:1] for quad in reaching_beyond(part, *size)]
-        first_fits = chain(partly[:BARRED], ways_up(beyond), leaving)
-        likeliest = chain(first_fits, self._best_hints(), likely)
-        if found := (yield from self._fit(likeliest)):
+        likely = [*leaving, *regions[:1], *bounding[:1]]
+        ways = chain(partly[:BARRED], ways_up(beyond), ways_up(likely))
+        if found := (yield from self._fit(ways)):
             return found
         for quads in faint:
-            if found := (yield from self._weigh_coarsely(quads)):
+            others = [*quads[:STRONGEST], *proposer.likeliest(quads, BOUNDING)]
+            if found := (yield from self._weigh_coarsely(others)):
                 return found
-        barred = [*between[:BARRED], *(about_middle(each, down=WITH_BARS) for each in regions[:1])]
-        last = barred, ways_up(regions[1:]), ways_up(regions[:1], likely=False)
-        return (yield from self._fit(chain(*last)))
+        films = [about_middle(each, down=WITH_BARS) for each in regions[:1]]
+        turned = ways_up(regions[:1], likely=False)
+        return (yield from self._fit(chain(between[:BARRED], films, ways_up(edges[:1]), turned)))
 
     def _weigh_coarsely(self, quads: Sequence[Array], count: int | None = None) -> Search:
         """Weigh quadrilaterals coarsely, and verify each that is promising.
@@ -169,11 +165,9 @@ class WindowSearch:
         for number, quad in enumerate(quads):
             evidence, proposal = self._proposer.weigh_coarsely(quad, count)
             self.watch.tell("weighed", quad, evidence)
-            if evidence > PROMISING:
-                if found := (yield from self._weigh_and_verify(proposal)):
-                    return found
-            elif evidence > HINT:
-                self._hints[quad.tobytes()] = evidence, proposal.corners
+            promising = evidence > PROMISING
+            if promising and (found := (yield from self._weigh_and_verify(proposal))):
+                return found
             if number % WEIGHED_AT_ONCE == WEIGHED_AT_ONCE - 1:
                 yield 1
         return None
@@ -196,12 +190,6 @@ class WindowSearch:
             if evidence > HINT and (found := (yield from self._verify(proposal, evidence))):
                 return found
         return None
-
-    def _best_hints(self) -> list[Corners]:
-        """Take what was weighed coarsely and is likeliest of what is less than promising."""
-        hints = sorted(self._hints.values(), key=lambda hint: -hint[0])[:HINTS]
-        self._hints = {}
-        return [corners for _, corners in hints]
 
     def _weigh_and_verify(self, proposal: Proposal) -> Search:
         """Weigh a proposal by all frames so far, and verify it."""

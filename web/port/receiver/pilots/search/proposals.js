@@ -15,7 +15,7 @@ import { movedCorners } from "../motion.js";
 import { expectedChanges, picked, pilotValues, standingOut } from "../../../link/pilots.js";
 import { Wave, findToggling } from "../toggling.js";
 import { COARSE_SIZE, coarseShift, roughSeries, shiftedTogglings } from "./parts.js";
-import { leavingRegions, outlineRegions, portraitParts } from "./regions.js";
+import { leavingRegions, likeliest, outlineRegions, portraitParts } from "./regions.js";
 
 /** @typedef {import("../../../export/regionGraph.js").RegionMapper} RegionMapper */
 /** @typedef {import("../toggling.js").Toggling} Toggling */
@@ -25,7 +25,7 @@ import { leavingRegions, outlineRegions, portraitParts } from "./regions.js";
 const { CELL_PX, LEAST_PX } = modelsRegion;
 export const { LEAVING, STRONGEST, PROMISING, ANY_TURN } = receiverPilotsSearchProposals;
 const {
-  VIEW_SIZE, CANDIDATES, PARTLY_SEEN, BRIGHT_PX, DARK_PX, STATES_HZ, MAPPED,
+  VIEW_SIZE, EDGES, PARTLY_SEEN, BRIGHT_PX, DARK_PX, STATES_HZ, MAPPED,
   SNAP_SHARE, SNAP_STEP_PX, EDGE_BLUR_PX, LOG_LEVELS,
 } = receiverPilotsSearchProposals;
 
@@ -113,6 +113,8 @@ export class Proposer {
    * @type {Map<Point[], PilotsSeen[]>}
    */
   #kept = new Map();
+  /** The newest map of what toggles. @type {Float32Array | null} */
+  #logOdds = null;
 
   /**
    * @param {Watch} watch - the film
@@ -139,9 +141,9 @@ export class Proposer {
    */
   *edges() {
     const { reference } = this.#watch;
-    const strongest = yield* candidateSteps(reference, CANDIDATES);
+    const found = yield* candidateSteps(reference, EDGES);
     this.partlySeen = yield* leavingSteps(reference, PARTLY_SEEN);
-    return [...strongest, ...this.partlySeen.slice(0, LEAVING)];
+    return found;
   }
 
   /**
@@ -160,6 +162,7 @@ export class Proposer {
     let logOdds = /** @type {Float32Array | null} */ (null);
     void this.#mapper.logOdds(frames.slice(-MAPPED)).then((found) => (logOdds = found));
     while (logOdds === null) yield NEXT_FRAME;
+    this.#logOdds = logOdds;
     const columns = Math.floor(width / CELL_PX);
     const [whole, partly] = [edges, this.partlySeen].map((quads) =>
       quads.map((quad) => this.#onCells(quad)),
@@ -178,13 +181,28 @@ export class Proposer {
   }
 
   /**
-   * Move a quadrilateral of the reference frame into the cells of the map.
+   * Choose the likeliest quadrilaterals of the reference frame by the newest map of what toggles.
+   *
+   * @param {Point[][]} quads
+   * @param {number} limit - largest number chosen
+   * @returns {Point[][]} the likeliest first; none before there is a map
+   */
+  likeliest(quads, limit) {
+    if (this.#logOdds === null) return [];
+    const cells = quads.map((quad) => this.#onCells(quad));
+    const columns = Math.floor(this.#watch.stills.width / CELL_PX);
+    return likeliest(cells, this.#logOdds, columns, limit).map((at) => quads[at]);
+  }
+
+  /**
+   * Move a quadrilateral of the reference frame into the cells of a map.
    *
    * @param {Point[]} quad
-   * @returns {Point[]}
+   * @returns {Point[]} upright
    */
   #onCells(quad) {
-    return this.#watch.onCopy(quad).map(([x, y]) => [(x + 0.5) / CELL_PX, (y + 0.5) / CELL_PX]);
+    const onCopy = this.#watch.onCopy(quad);
+    return upright(onCopy.map(([x, y]) => [(x + 0.5) / CELL_PX, (y + 0.5) / CELL_PX]));
   }
 
   /**
@@ -303,7 +321,7 @@ export class Proposer {
    * @param {BytePlane} still
    */
   *#edgesOf(still) {
-    const found = yield* candidateSteps(still, CANDIDATES);
+    const found = yield* candidateSteps(still, EDGES);
     return found.map((edge) => this.#watch.onImage(edge));
   }
 

@@ -7,12 +7,12 @@
 import { geometry, receiverPilotsSearchRegions } from "../../../../generated/constants.js";
 import { inImage, sideLengths, signedArea } from "../../../link/geometry.js";
 import { dot } from "../../../link/linear.js";
-import { isNested, rolled } from "../../locate/quads.js";
+import { distinct, isNested, rolled, upright } from "../../locate/quads.js";
 
 const {
   REGIONS, LEAST_CELLS, MOST_ODDS, BEYOND_CELLS, BEYOND_ODDS, LEAVING_ODDS, STEPS,
   SURELY_LYING, MOST_MOVES, MOVES, PICTURE_SHARES, PORTRAITS, PORTRAIT_LENGTH, PORTRAIT_PART,
-  FOCAL_SHARE,
+  FOCAL_SHARE, SAME_CELLS,
 } = receiverPilotsSearchRegions;
 const { UNIT_SQUARE } = geometry;
 
@@ -42,13 +42,27 @@ export function outlineRegions(logOdds, width) {
 }
 
 /**
+ * Choose the quadrilaterals that are likeliest and differ from one another.
+ *
+ * @param {Point[][]} quads - in cells, upright
+ * @param {Float32Array} logOdds - natural log-odds of each cell
+ * @param {number} width - of the map, cells
+ * @param {number} limit - largest number chosen
+ * @returns {number[]} indices, the likeliest first
+ */
+export function likeliest(quads, logOdds, width, limit) {
+  const sums = sumsOf(logOdds, width);
+  return distinct(quads, quads.map((quad) => within(quad, sums)), limit, SAME_CELLS);
+}
+
+/**
  * Choose quadrilaterals that may be a display which leaves the image, if one does.
  *
- * @param {Point[][]} quads - in cells, which edges propose
+ * @param {Point[][]} quads - in cells, upright, which edges propose
  * @param {Float32Array} logOdds - natural log-odds of each cell
  * @param {number} width - of the map, cells
  * @returns {Point[][]} none where the outline of the likeliest cells keeps off the image's border; else
- *   `quads`, the likeliest first, but that this outline is the second
+ *   the likeliest of `quads`, if there are any, and this outline
  */
 export function leavingRegions(quads, logOdds, width) {
   const leaning = logOdds.map((odds) => odds + LEAVING_ODDS);
@@ -58,8 +72,7 @@ export function leavingRegions(quads, logOdds, width) {
     outline.some(([x, y]) => Math.min(x, y) <= 1 || x >= width - 1 || y >= height - 1),
   );
   if (!isLeaving) return [];
-  const [first, ...others] = likeliestFirst(quads, leaning, width);
-  return first === undefined ? outlines : [first, ...outlines, ...others];
+  return [...likeliest(quads, leaning, width, 1).map((at) => quads[at]), ...outlines];
 }
 
 /**
@@ -84,12 +97,14 @@ export function aboutMiddle(outline, across, down) {
  * @param {Point[][]} quads - in cells, clockwise
  * @param {Float32Array} logOdds - natural log-odds of each cell
  * @param {number} width - of the map, cells
- * @returns {Point[][]} at most `PORTRAITS` pictures in cells, clockwise; the likeliest first
+ * @returns {Point[][]} at most `PORTRAITS` pictures that differ, in cells, upright; the likeliest first
  */
 export function portraitParts(quads, logOdds, width) {
   const atLeft = UNIT_SQUARE.map(([x, y]) => [x * PORTRAIT_PART, y]);
-  const parts = quads.flatMap((quad) => quad.map((_, side) => onQuad(rolled(quad, side), atLeft)));
-  return likeliestFirst(parts, logOdds, width).slice(0, PORTRAITS);
+  const parts = quads.flatMap((quad) =>
+    quad.map((_, side) => upright(onQuad(rolled(quad, side), atLeft))),
+  );
+  return likeliest(parts, logOdds, width, PORTRAITS).map((at) => parts[at]);
 }
 
 /**
@@ -323,21 +338,6 @@ function climbed(outline, sums) {
     }
   }
   return { likelihood, outline };
-}
-
-/**
- * Order quadrilaterals by the sums of the log-odds within them.
- *
- * @param {Point[][]} quads - in cells
- * @param {Float32Array} logOdds - natural log-odds of each cell
- * @param {number} width - of the map, cells
- */
-function likeliestFirst(quads, logOdds, width) {
-  const sums = sumsOf(logOdds, width);
-  return quads
-    .map((quad) => ({ quad, likelihood: within(quad, sums) }))
-    .sort((one, other) => other.likelihood - one.likelihood)
-    .map(({ quad }) => quad);
 }
 
 /**

@@ -22,7 +22,7 @@ import { HINT, verifySteps } from "./settle.js";
 
 const { WITH_BARS } = receiverPilotsSearchRegions;
 const {
-  SURROUNDED, LEAVING_AT_ONCE, LEAVING_LATER, HINTS, BARRED,
+  SURROUNDED, BOUNDING, PROPOSED, BEFORE_LEAVING, BARRED,
 } = receiverPilotsSearchWindowSearch;
 /** Units of work of beginning to follow what surrounds quadrilaterals. */
 const SURROUND_WORK = 10;
@@ -30,14 +30,6 @@ const SURROUND_WORK = 10;
 /** Looks for a display in the frames that follow a reference frame. */
 export class WindowSearch {
   #proposer;
-  /** What may bound a display partly in view, by what toggles, the likeliest first. @type {Point[][]} */
-  #leaving = [];
-  /**
-   * Quadrilaterals of evidence that is less than promising: it, and the likeliest corners.
-   *
-   * @type {Map<Point[], { evidence: number, corners: Point[] }>}
-   */
-  #hints = new Map();
   /** Whether edges have been weighed coarsely at all. */
   hasLooked = false;
   /** Whether edges have been weighed coarsely in all frames that are watched. */
@@ -94,9 +86,7 @@ export class WindowSearch {
   /**
    * Look for the display in the film that follows the reference.
    *
-   * After edges have first been weighed coarsely, and once the window is late, other proposals are
-   * tried. Last, the pilots are fitted to more quadrilaterals that may bound a display of which a part
-   * is in view, and to the strongest edges in every way up.
+   * After edges have first been weighed coarsely, and once the window is late, others are weighed, too.
    *
    * @returns {Steps<Detection | null>}
    */
@@ -106,72 +96,66 @@ export class WindowSearch {
     const edges = yield* proposer.edges();
     watch.surround(edges.slice(0, SURROUNDED));
     yield SURROUND_WORK;
+    const strongest = [...edges.slice(0, STRONGEST), ...proposer.partlySeen.slice(0, LEAVING)];
     const quarter = Math.floor(watch.window / 4);
     for (let count = watch.soon, seen = 0; seen < watch.window; count = seen + quarter) {
       while (watch.frames.length < Math.min(count, watch.window)) {
-        for (const quad of edges) watch.places(quad, watch.frames.length); // each frame its share
+        for (const quad of strongest) watch.places(quad, watch.frames.length); // each frame its share
         yield NEXT_FRAME;
       }
       const isFirst = seen === 0;
       seen = watch.frames.length;
-      const weighed = yield* this.#weighCoarsely(edges, seen);
+      const weighed = yield* this.#weighCoarsely(strongest, seen);
       this.hasLooked = true;
       const found = weighed ?? (isFirst ? yield* this.#others(edges) : null);
       if (found !== null) return found;
     }
     this.isLate = true;
-    const found = yield* this.#others(edges);
-    if (found !== null) return found;
-    const notFitted = this.#leaving.slice(LEAVING_AT_ONCE);
-    const partlySeen = notFitted.length > 0 ? notFitted : proposer.partlySeen;
-    const strongest = edges.slice(0, STRONGEST);
-    return yield* this.#fit([
-      ...waysUp(partlySeen.slice(0, LEAVING_LATER)),
-      ...waysUp(strongest.slice(1)),
-      ...waysUp(strongest, false),
-    ]);
+    return yield* this.#others(edges);
   }
 
   /**
-   * Weigh faint edges coarsely, and fit the pilots to outlines of what toggles and of panels. What costs
-   * least and what is likeliest comes first.
+   * Weigh faint edges, and what is likeliest by a map of what toggles, and fit the pilots to the best of
+   * it, first to what may leave the image. What costs least and what is likeliest comes first.
    *
    * @param {Point[][]} edges - quadrilaterals of edges, the strongest first
    * @returns {Steps<Detection | null>}
    */
   *#others(edges) {
-    const [faint, ...withoutDetails] = this.#proposer.faintEdges();
+    const proposer = this.#proposer;
+    const [faint, ...withoutDetails] = proposer.faintEdges();
     const first = yield* faint;
-    const early = yield* this.#weighCoarsely(first);
+    const strongest = [edges, first].map((quads) => quads.slice(0, STRONGEST));
+    const early = yield* this.#weighCoarsely(strongest[1]);
     if (early !== null) return early;
-    const { outlines: regions, leaving, portraits } =
-      yield* this.#proposer.regions([...edges, ...first]);
-    this.#leaving = leaving;
-    const snapped = regions.length > 0 ? yield* this.#proposer.snapped(regions[0]) : [];
-    const between = picturesIn([...panelsOf(edges), ...panelsOf(first)]);
-    const partly = picturesIn(leaving.length > 0 ? this.#proposer.partlySeen.slice(0, LEAVING) : []);
+    const { outlines: regions, leaving, portraits } = yield* proposer.regions(strongest.flat());
+    const snapped = regions.length > 0 ? yield* proposer.snapped(regions[0]) : [];
+    const bounding = proposer.likeliest([...edges, ...first], BOUNDING);
+    const isLeaving = leaving.length > 0;
+    const partly = picturesIn(isLeaving ? proposer.partlySeen.slice(0, LEAVING) : []);
+    const between = picturesIn([...bounding.slice(0, 1), ...strongest.flatMap(panelsOf)]);
+    const proposed = [...bounding, ...snapped, ...regions, ...portraits, ...between];
+    const most = isLeaving ? BEFORE_LEAVING : PROPOSED;
     const { width, height } = this.watch.reference;
     const beyond = portraits.slice(0, 1).flatMap((part) => reachingBeyond(part, width, height));
-    const proposed = [...snapped, ...regions, ...portraits, ...partly, ...between];
     const bounded =
-      (yield* this.#weighCoarsely(proposed)) ??
+      (yield* this.#weighCoarsely(proposer.likeliest(proposed, most))) ??
       (yield* this.#fit([
         ...partly.slice(0, BARRED),
         ...waysUp(beyond),
-        ...waysUp(leaving.slice(0, LEAVING_AT_ONCE)),
-        ...this.#bestHints(),
-        ...waysUp([...regions.slice(0, 1), ...edges.slice(0, 1)]),
+        ...waysUp([...leaving, ...regions.slice(0, 1), ...bounding.slice(0, 1)]),
       ]));
     if (bounded !== null) return bounded;
-    for (const edges of withoutDetails) {
-      const found = yield* this.#weighCoarsely(yield* edges);
+    for (const steps of withoutDetails) {
+      const quads = yield* steps;
+      const others = [...quads.slice(0, STRONGEST), ...proposer.likeliest(quads, BOUNDING)];
+      const found = yield* this.#weighCoarsely(others);
       if (found !== null) return found;
     }
-    const films = regions.slice(0, 1).map((region) => aboutMiddle(region, 1, WITH_BARS));
-    const barred = [...between.slice(0, BARRED), ...films];
     return yield* this.#fit([
-      ...barred,
-      ...waysUp(regions.slice(1)),
+      ...between.slice(0, BARRED),
+      ...regions.slice(0, 1).map((region) => aboutMiddle(region, 1, WITH_BARS)),
+      ...waysUp(edges.slice(0, 1)),
       ...waysUp(regions.slice(0, 1), false),
     ]);
   }
@@ -188,7 +172,7 @@ export class WindowSearch {
       if (evidence > PROMISING) {
         const found = yield* this.#weighAndVerify(proposal);
         if (found !== null) return found;
-      } else if (evidence > HINT) this.#hints.set(quad, { evidence, corners: proposal.corners });
+      }
     }
     return null;
   }
@@ -209,13 +193,6 @@ export class WindowSearch {
       if (found !== null) return found;
     }
     return null;
-  }
-
-  /** Take what was weighed coarsely and is likeliest of what is less than promising. */
-  #bestHints() {
-    const hints = [...this.#hints.values()].sort((one, other) => other.evidence - one.evidence);
-    this.#hints.clear();
-    return hints.slice(0, HINTS).map(({ corners }) => corners);
   }
 
   /**
