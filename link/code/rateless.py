@@ -28,7 +28,7 @@ They are close to Shokrollahi's distribution, with more coded bits of degree 1, 
 starts on a clean channel."""
 PRECODE_COPIES = 3
 """Number of parity checks of the precode in which each information bit stands."""
-ITERATIONS = 60
+ITERATIONS = 120
 """Number of rounds of belief propagation after which the decoder gives up."""
 PATIENCE, LEAST_GROWTH = 8, 1.05
 """Number of rounds after which the mean certainty of some block must have grown by a factor, as it
