@@ -24,6 +24,7 @@ from receiver.pilots.motion import moved_corners
 from receiver.pilots.search.film import HeldFrame, positions
 from receiver.pilots.search.parts import COARSE_SIZE, coarse_shift, rough_series, shifted_togglings
 from receiver.pilots.search.regions import (
+    LEAVING_ODDS,
     leaving_regions,
     likeliest,
     outline_regions,
@@ -91,8 +92,9 @@ class Regions(NamedTuple):
     leaving: list[Array]
     """What may bound a display that leaves the image, where what toggles reaches its border."""
     portraits: list[Array]
-    """Portrait pictures of which one side is not seen (`portrait_parts`), where the display may
-    leave the image those first that leave it."""
+    """Portrait pictures of which one side is not seen (`portrait_parts`). Where the display may
+    leave the image, those that leave it come first, and a map whose cells are all likelier chooses
+    some, too (`LEAVING_ODDS`)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,8 +186,10 @@ class Proposer:
         leaving = leaving_regions(partly, log_odds)
         yield 1
         found = []
-        bounded = (partly, whole) if leaving else (whole,)
-        portraits = [part for quads in bounded for part in portrait_parts(quads, log_odds)]
+        ways = [(whole, log_odds)]
+        if leaving:
+            ways = [*product((partly, whole), (log_odds + np.float32(LEAVING_ODDS), log_odds))]
+        portraits = [part for quads, odds in ways for part in portrait_parts(quads, odds)]
         for cells in outline_regions(log_odds), leaving, portraits:
             quads = upright(CELL_PX * np.reshape(cells, (-1, 4, 2)) - 0.5)  # N may be 0
             found.append([watch.on_image(quad) for quad in quads])

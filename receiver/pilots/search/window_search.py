@@ -40,10 +40,10 @@ It bounds the work; chosen by hand."""
 BOUNDING = 3
 """Number of quadrilaterals of edges that the map of what toggles proposes. It bounds the work;
 chosen by hand."""
-PROPOSED, BEFORE_LEAVING = 18, 12
-"""Number of all proposed quadrilaterals, the likeliest by the map, that are weighed, and number of
+PROPOSED, BEFORE_LEAVING = 15, 7
+"""Number of proposed quadrilaterals, the likeliest by the map, that are weighed, and number of
 those where the display may leave the image: there the pilots' fit finds more. They bound the work;
-chosen with 200 films of another simulation."""
+chosen with 300 films of another simulation."""
 BARRED = 2
 """Number of pictures between black bars, those of the likeliest shape, that the pilots are fitted
 to. It bounds the work; chosen by hand."""
@@ -137,15 +137,18 @@ class WindowSearch:
         panels = [*bounding[:1], *chain(*map(panels_of, strongest))]
         partly = pictures_in(proposer.partly_seen[:LEAVING]) if leaving else []
         between = pictures_in(panels)
-        proposed = [*bounding, *snapped, *regions, *portraits, *between]
+        proposed = [*bounding, *snapped, *regions, *between]
         most = BEFORE_LEAVING if leaving else PROPOSED
         if found := (yield from self._weigh_coarsely(proposer.likeliest(proposed, most))):
+            return found
+        if found := (yield from self._fit(partly[:BARRED])):
+            return found
+        if found := (yield from self._weigh_coarsely(portraits)):
             return found
         size = self.watch.reference.shape[1::-1]
         beyond = [quad for part in portraits[:1] for quad in reaching_beyond(part, *size)]
         likely = [*leaving, *regions[:1], *bounding[:1]]
-        ways = chain(partly[:BARRED], ways_up(beyond), ways_up(likely))
-        if found := (yield from self._fit(ways)):
+        if found := (yield from self._fit(chain(ways_up(beyond), ways_up(likely)))):
             return found
         for quads in faint:
             others = [*quads[:STRONGEST], *proposer.likeliest(quads, BOUNDING)]

@@ -1,7 +1,7 @@
 /** Where a display may be, what it may show, and how surely its pilots toggle there. */
 
 import {
-  modelsRegion, receiverPilotsSearchProposals, receiverPilotsSearchWatch,
+  modelsRegion, receiverPilotsSearchProposals, receiverPilotsSearchRegions, receiverPilotsSearchWatch,
 } from "../../../../generated/constants.js";
 import { blurred } from "../../../image/blur.js";
 import { equalised, withoutDetails } from "../../../image/levels.js";
@@ -29,6 +29,7 @@ const {
   SNAP_SHARE, SNAP_STEP_PX, EDGE_BLUR_PX, LOG_LEVELS,
 } = receiverPilotsSearchProposals;
 
+const { LEAVING_ODDS } = receiverPilotsSearchRegions;
 export const { NEXT_FRAME } = receiverPilotsSearchWatch;
 /** Units of work of one frame's view of a display, and of weighing it coarsely. */
 export const VIEW_WORK = 0.6;
@@ -154,15 +155,16 @@ export class Proposer {
    * @returns {Steps<{ outlines: Point[][], leaving: Point[][], portraits: Point[][] }>} outlines of
    *   displays, whatever edges they have, to some blocks; what may bound a display which leaves the
    *   image, where what toggles reaches its border; and portrait pictures of which one side is not seen
-   *   (`portraitParts`), then those first that leave the image; the likeliest first
+   *   (`portraitParts`), the likeliest first. Where the display may leave the image, portrait pictures
+   *   that leave it come first, and a map whose cells are all likelier chooses some, too.
    */
   *regions(edges) {
     const { frames, width, height } = this.#watch.stills;
     if (Math.min(width, height) < LEAST_PX) return { outlines: [], leaving: [], portraits: [] };
-    let logOdds = /** @type {Float32Array | null} */ (null);
-    void this.#mapper.logOdds(frames.slice(-MAPPED)).then((found) => (logOdds = found));
-    while (logOdds === null) yield NEXT_FRAME;
-    this.#logOdds = logOdds;
+    let mapped = /** @type {Float32Array | null} */ (null);
+    void this.#mapper.logOdds(frames.slice(-MAPPED)).then((found) => (mapped = found));
+    while (mapped === null) yield NEXT_FRAME;
+    const logOdds = (this.#logOdds = mapped);
     const columns = Math.floor(width / CELL_PX);
     const [whole, partly] = [edges, this.partlySeen].map((quads) =>
       quads.map((quad) => this.#onCells(quad)),
@@ -171,9 +173,15 @@ export class Proposer {
     yield OUTLINE_WORK;
     const outlineCells = outlineRegions(logOdds, columns);
     yield OUTLINE_WORK;
-    const bounded = leavingCells.length > 0 ? [partly, whole] : [whole];
+    const leaning = logOdds.map((odds) => odds + LEAVING_ODDS);
+    const isLeaving = leavingCells.length > 0;
     const portraitCells = [];
-    for (const quads of bounded) portraitCells.push(...portraitParts(quads, logOdds, columns));
+    for (const quads of isLeaving ? [partly, whole] : [whole]) {
+      for (const odds of isLeaving ? [leaning, logOdds] : [logOdds]) {
+        portraitCells.push(...portraitParts(quads, odds, columns));
+        yield OUTLINE_WORK;
+      }
+    }
     const [outlines, leaving, portraits] = [outlineCells, leavingCells, portraitCells].map((quads) =>
       quads.map((quad) => this.#ofCells(quad)),
     );

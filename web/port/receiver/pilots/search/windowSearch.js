@@ -134,14 +134,15 @@ export class WindowSearch {
     const isLeaving = leaving.length > 0;
     const partly = picturesIn(isLeaving ? proposer.partlySeen.slice(0, LEAVING) : []);
     const between = picturesIn([...bounding.slice(0, 1), ...strongest.flatMap(panelsOf)]);
-    const proposed = [...bounding, ...snapped, ...regions, ...portraits, ...between];
+    const proposed = [...bounding, ...snapped, ...regions, ...between];
     const most = isLeaving ? BEFORE_LEAVING : PROPOSED;
     const { width, height } = this.watch.reference;
     const beyond = portraits.slice(0, 1).flatMap((part) => reachingBeyond(part, width, height));
     const bounded =
       (yield* this.#weighCoarsely(proposer.likeliest(proposed, most))) ??
+      (yield* this.#fit(partly.slice(0, BARRED))) ??
+      (yield* this.#weighCoarsely(portraits)) ??
       (yield* this.#fit([
-        ...partly.slice(0, BARRED),
         ...waysUp(beyond),
         ...waysUp([...leaving, ...regions.slice(0, 1), ...bounding.slice(0, 1)]),
       ]));
