@@ -39,6 +39,8 @@ const FIT_WORK = 4;
 const ROUGH_WORK = 2;
 /** Units of work of outlining what a map shows. */
 const OUTLINE_WORK = 8;
+/** Units of work of choosing portrait pictures. */
+const PORTRAIT_WORK = 15;
 /** Units of work of moving the sides of a region to edges. */
 const SNAP_WORK = 12;
 
@@ -179,7 +181,7 @@ export class Proposer {
     for (const quads of isLeaving ? [partly, whole] : [whole]) {
       for (const odds of isLeaving ? [leaning, logOdds] : [logOdds]) {
         portraitCells.push(...portraitParts(quads, odds, columns));
-        yield OUTLINE_WORK;
+        yield PORTRAIT_WORK;
       }
     }
     const [outlines, leaving, portraits] = [outlineCells, leavingCells, portraitCells].map((quads) =>
