@@ -21,6 +21,7 @@ from receiver.pilots.search.regions import (
     PICTURE_SHARES,
     WITH_BARS,
     about_middle,
+    leaning,
     leaving_regions,
     outline_regions,
     panels_of,
@@ -74,9 +75,9 @@ def test_displays_are_outlined_as_by_python(port: Port, name: str) -> None:
 def test_portrait_parts_are_chosen_as_by_python(port: Port, name: str) -> None:
     chosen = port("receiver/pilots/search/regions.js").portraitParts
     quads = drawn_quads(5)
-    log_odds = map_with(MAPS[name], 0)
-    found = chosen(quads.tolist(), log_odds.ravel(), SIZE[1])
-    same(np.array(found), np.array(portrait_parts(quads, log_odds)), OUTLINE_CELLS)
+    maps = [map_with(MAPS[name], 0), leaning(map_with(MAPS[name], 1))]
+    found = chosen(quads.tolist(), [log_odds.ravel() for log_odds in maps], SIZE[1])
+    same(np.array(found), np.array(portrait_parts(quads, maps)), OUTLINE_CELLS)
 
 
 @pytest.mark.parametrize("name", MAPS)

@@ -24,7 +24,7 @@ from receiver.pilots.motion import moved_corners
 from receiver.pilots.search.film import HeldFrame, positions
 from receiver.pilots.search.parts import COARSE_SIZE, coarse_shift, rough_series, shifted_togglings
 from receiver.pilots.search.regions import (
-    LEAVING_ODDS,
+    leaning,
     leaving_regions,
     likeliest,
     outline_regions,
@@ -94,7 +94,7 @@ class Regions(NamedTuple):
     portraits: list[Array]
     """Portrait pictures of which one side is not seen (`portrait_parts`). Where the display may
     leave the image, those that leave it come first, and a map whose cells are all likelier chooses
-    some, too (`LEAVING_ODDS`)."""
+    some, too (`leaning`)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,10 +186,9 @@ class Proposer:
         leaving = leaving_regions(partly, log_odds)
         yield 1
         found = []
-        ways = [(whole, log_odds)]
-        if leaving:
-            ways = [*product((partly, whole), (log_odds + np.float32(LEAVING_ODDS), log_odds))]
-        portraits = [part for quads, odds in ways for part in portrait_parts(quads, odds)]
+        bounded = (partly, whole) if leaving else (whole,)
+        maps = (leaning(log_odds), log_odds) if leaving else (log_odds,)
+        portraits = [part for quads in bounded for part in portrait_parts(quads, maps)]
         for cells in outline_regions(log_odds), leaving, portraits:
             quads = upright(CELL_PX * np.reshape(cells, (-1, 4, 2)) - 0.5)  # N may be 0
             found.append([watch.on_image(quad) for quad in quads])

@@ -126,12 +126,17 @@ def leaving_regions(quads: Array, log_odds: NDArray[np.float32]) -> list[Array]:
         none where the outline of the likeliest cells keeps off the image's border; else the
         likeliest of ``quads``, if there are any, and this outline.
     """
-    leaning = log_odds + np.float32(LEAVING_ODDS)
-    outlines = outline_regions(leaning)[:1]
+    odds = leaning(log_odds)
+    outlines = outline_regions(odds)[:1]
     last = np.array(log_odds.shape[::-1]) - 1
     if not outlines or ((outlines[0] > 1) & (outlines[0] < last)).all():
         return []
-    return [*quads[likeliest(quads, leaning, 1)], *outlines]
+    return [*quads[likeliest(quads, odds, 1)], *outlines]
+
+
+def leaning(log_odds: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Make all cells of a map, (h, w), likelier, as where a display may leave the image."""
+    return log_odds + np.float32(LEAVING_ODDS)
 
 
 def about_middle(outline: Array, across: float = 1.0, down: float = 1.0) -> Array:
@@ -158,7 +163,7 @@ def about_middle(outline: Array, across: float = 1.0, down: float = 1.0) -> Arra
     return np.asarray(_on_quads(_lying(outline)[None], places)[0])
 
 
-def portrait_parts(quads: Array, log_odds: NDArray[np.float32]) -> list[Array]:
+def portrait_parts(quads: Array, maps: Sequence[NDArray[np.float32]]) -> list[Array]:
     """Choose portrait pictures in quadrilaterals of which three sides bound one, if any does.
 
     Beside a picture of 9:16 the bars are wide, and a lamp that is mirrored in one of them hides
@@ -167,21 +172,21 @@ def portrait_parts(quads: Array, log_odds: NDArray[np.float32]) -> list[Array]:
 
     Args:
         quads: (N, 4, 2) in cells, clockwise.
-        log_odds: (h, w) natural log-odds of each cell.
+        maps: (h, w) natural log-odds of each cell, each.
 
     Returns:
-        at most `PORTRAITS` pictures that differ, (4, 2) in cells, clockwise from the corner nearest
-        to the image's top left; the likeliest first.
+        for each map, at most `PORTRAITS` pictures that differ, (4, 2) in cells, clockwise from the
+        corner nearest to the image's top left; the likeliest first.
 
     >>> log_odds = np.full((20, 40), -2, np.float32)
     >>> log_odds[2:18, 24:32] = 2
     >>> bounded = np.array([[[15.0, 2], [32, 2], [32, 18], [15, 18]]])  # from bar to picture
-    >>> portrait_parts(bounded, log_odds)[0].round().tolist()
+    >>> portrait_parts(bounded, [log_odds])[0].round().tolist()
     [[24.0, 2.0], [32.0, 2.0], [32.0, 18.0], [24.0, 18.0]]
     """
     turned = np.concatenate([np.roll(quads, -side, axis=1) for side in range(4)])  # (4 N, 4, 2)
     parts = upright(_on_quads(turned, UNIT_SQUARE * [PORTRAIT_PART, 1]))
-    return [*parts[likeliest(parts, log_odds, PORTRAITS)]]
+    return [part for odds in maps for part in parts[likeliest(parts, odds, PORTRAITS)]]
 
 
 def reaching_beyond(portrait: Array, width: int, height: int) -> list[Array]:

@@ -128,9 +128,9 @@ class WindowSearch:
         proposer = self._proposer
         faint = proposer.faint_edges()
         first = next(faint)
-        strongest = edges[:STRONGEST], first[:STRONGEST]
-        if found := (yield from self._weigh_coarsely(strongest[1])):
+        if found := (yield from self._weigh_coarsely(first[:STRONGEST])):
             return found
+        strongest = edges[:STRONGEST], first[:STRONGEST]
         regions, leaving, portraits = yield from proposer.regions([*chain(*strongest)])
         snapped = proposer.snapped(regions[0]) if regions else []
         bounding = proposer.likeliest([*edges, *first], BOUNDING)
@@ -168,8 +168,7 @@ class WindowSearch:
         for number, quad in enumerate(quads):
             evidence, proposal = self._proposer.weigh_coarsely(quad, count)
             self.watch.tell("weighed", quad, evidence)
-            promising = evidence > PROMISING
-            if promising and (found := (yield from self._weigh_and_verify(proposal))):
+            if evidence > PROMISING and (found := (yield from self._weigh_and_verify(proposal))):
                 return found
             if number % WEIGHED_AT_ONCE == WEIGHED_AT_ONCE - 1:
                 yield 1

@@ -81,7 +81,7 @@ def test_a_portrait_picture_is_found_where_one_of_its_sides_is_not_seen(side: in
     )
     other = picture + np.array([10, 0])
     quads = np.roll(np.array([other, to_bezel]), side, axis=1)
-    first, *_ = portrait_parts(quads, map_of(picture))
+    first, *_ = portrait_parts(quads, [map_of(picture)])
     assert off(first, picture) < 0.01
 
 

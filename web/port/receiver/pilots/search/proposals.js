@@ -1,7 +1,7 @@
 /** Where a display may be, what it may show, and how surely its pilots toggle there. */
 
 import {
-  modelsRegion, receiverPilotsSearchProposals, receiverPilotsSearchRegions, receiverPilotsSearchWatch,
+  modelsRegion, receiverPilotsSearchProposals, receiverPilotsSearchWatch,
 } from "../../../../generated/constants.js";
 import { blurred } from "../../../image/blur.js";
 import { equalised, withoutDetails } from "../../../image/levels.js";
@@ -15,7 +15,7 @@ import { movedCorners } from "../motion.js";
 import { expectedChanges, picked, pilotValues, standingOut } from "../../../link/pilots.js";
 import { Wave, findToggling } from "../toggling.js";
 import { COARSE_SIZE, coarseShift, roughSeries, shiftedTogglings } from "./parts.js";
-import { leavingRegions, likeliest, outlineRegions, portraitParts } from "./regions.js";
+import { leaning, leavingRegions, likeliest, outlineRegions, portraitParts } from "./regions.js";
 
 /** @typedef {import("../../../export/regionGraph.js").RegionMapper} RegionMapper */
 /** @typedef {import("../toggling.js").Toggling} Toggling */
@@ -29,7 +29,6 @@ const {
   SNAP_SHARE, SNAP_STEP_PX, EDGE_BLUR_PX, LOG_LEVELS,
 } = receiverPilotsSearchProposals;
 
-const { LEAVING_ODDS } = receiverPilotsSearchRegions;
 export const { NEXT_FRAME } = receiverPilotsSearchWatch;
 /** Units of work of one frame's view of a display, and of weighing it coarsely. */
 export const VIEW_WORK = 0.6;
@@ -175,14 +174,12 @@ export class Proposer {
     yield OUTLINE_WORK;
     const outlineCells = outlineRegions(logOdds, columns);
     yield OUTLINE_WORK;
-    const leaning = logOdds.map((odds) => odds + LEAVING_ODDS);
     const isLeaving = leavingCells.length > 0;
+    const maps = isLeaving ? [leaning(logOdds), logOdds] : [logOdds];
     const portraitCells = [];
     for (const quads of isLeaving ? [partly, whole] : [whole]) {
-      for (const odds of isLeaving ? [leaning, logOdds] : [logOdds]) {
-        portraitCells.push(...portraitParts(quads, odds, columns));
-        yield PORTRAIT_WORK;
-      }
+      portraitCells.push(...portraitParts(quads, maps, columns));
+      yield PORTRAIT_WORK;
     }
     const [outlines, leaving, portraits] = [outlineCells, leavingCells, portraitCells].map((quads) =>
       quads.map((quad) => this.#ofCells(quad)),

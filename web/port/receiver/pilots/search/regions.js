@@ -65,15 +65,22 @@ export function likeliest(quads, logOdds, width, limit) {
  *   the likeliest of `quads`, if there are any, and this outline
  */
 export function leavingRegions(quads, logOdds, width) {
-  const leaning = logOdds.map((odds) => odds + LEAVING_ODDS);
-  const outlines = outlineRegions(leaning, width).slice(0, 1);
+  const odds = leaning(logOdds);
+  const outlines = outlineRegions(odds, width).slice(0, 1);
   const height = logOdds.length / width;
   const isLeaving = outlines.some((outline) =>
     outline.some(([x, y]) => Math.min(x, y) <= 1 || x >= width - 1 || y >= height - 1),
   );
   if (!isLeaving) return [];
-  return [...likeliest(quads, leaning, width, 1).map((at) => quads[at]), ...outlines];
+  return [...likeliest(quads, odds, width, 1).map((at) => quads[at]), ...outlines];
 }
+
+/**
+ * Make all cells of a map likelier, as where a display may leave the image.
+ *
+ * @param {Float32Array} logOdds - natural log-odds of each cell
+ */
+export const leaning = (logOdds) => logOdds.map((odds) => odds + LEAVING_ODDS);
 
 /**
  * Make the outline of what has the same middle as another in the plane of a display. It may be narrower,
@@ -95,16 +102,17 @@ export function aboutMiddle(outline, across, down) {
  * is then that of the display beyond a black bar; which side it is nobody knows.
  *
  * @param {Point[][]} quads - in cells, clockwise
- * @param {Float32Array} logOdds - natural log-odds of each cell
- * @param {number} width - of the map, cells
- * @returns {Point[][]} at most `PORTRAITS` pictures that differ, in cells, upright; the likeliest first
+ * @param {Float32Array[]} maps - natural log-odds of each cell, each
+ * @param {number} width - of the maps, cells
+ * @returns {Point[][]} for each map, at most `PORTRAITS` pictures that differ, in cells, upright; the
+ *   likeliest first
  */
-export function portraitParts(quads, logOdds, width) {
+export function portraitParts(quads, maps, width) {
   const atLeft = UNIT_SQUARE.map(([x, y]) => [x * PORTRAIT_PART, y]);
   const parts = quads.flatMap((quad) =>
     quad.map((_, side) => upright(onQuad(rolled(quad, side), atLeft))),
   );
-  return likeliest(parts, logOdds, width, PORTRAITS).map((at) => parts[at]);
+  return maps.flatMap((odds) => likeliest(parts, odds, width, PORTRAITS).map((at) => parts[at]));
 }
 
 /**
