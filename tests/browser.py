@@ -93,18 +93,16 @@ def text_of(page: "Page", name: str) -> str:
     return str(page.evaluate(script, name))
 
 
-PATIENCE_S = 100.0
-"""Time, in seconds, that a loaded machine may take for what takes two."""
+PATIENCE_S = 200.0
+"""Time, in seconds, that a loaded machine may take for what takes a few."""
 
 
-def wait_for(
-    page: "Page", condition: Callable[[], object] | str, patience: float = PATIENCE_S
-) -> None:
+def wait_for(page: "Page", condition: Callable[[], object] | str) -> None:
     """Wait until a function, or a script in the page, gives something true.
 
     Playwright's own way is refused by the pages' policy.
     """
-    deadline = time.monotonic() + patience
+    deadline = time.monotonic() + PATIENCE_S
     while not (page.evaluate(condition) if isinstance(condition, str) else condition()):
         assert time.monotonic() < deadline, page.inner_text("body")
         page.wait_for_timeout(20)

@@ -279,7 +279,7 @@ def reader(browser, address):
 
 def test_the_message_of_a_film_at_an_address_is_shown(reader) -> None:
     """No frame is lost, however slow the machine."""
-    wait_for(reader, lambda: text_of(reader, "message"), 2 * PATIENCE_S)
+    wait_for(reader, lambda: text_of(reader, "message"))
     assert text_of(reader, "message") == "Hello"
     assert text_of(reader, "seal") == "It is signed, not checked: that needs its key."
     assert "480 × 640 pixels, 30.0 frames a second" in text_of(reader, "details")
@@ -380,7 +380,7 @@ def test_a_camera_that_falls_silent_is_said_and_can_be_started_again(browser, ad
         assert page.locator("#how").is_visible() and not page.locator("#vain").is_visible()
         page.evaluate("window.silent = true")
         page.clock.fast_forward(3_000)
-        wait_for(page, lambda: text_of(page, "status") == "The camera sends no pictures", 5)
+        wait_for(page, lambda: text_of(page, "status") == "The camera sends no pictures")
         assert page.get_by_role("button", name="Start the camera again").is_visible()
         page.evaluate("window.silent = false")
         wait_for(page, lambda: text_of(page, "status") == "Looking for the display")
@@ -388,18 +388,18 @@ def test_a_camera_that_falls_silent_is_said_and_can_be_started_again(browser, ad
         page.evaluate("document.dispatchEvent(new Event('visibilitychange'))")
         assert page.evaluate("locks.length") == 2
         page.clock.fast_forward(10_000)
-        wait_for(page, lambda: page.locator("#vain").is_visible(), 5)
+        wait_for(page, lambda: page.locator("#vain").is_visible())
         assert not page.locator("#how").is_visible()
         choice = page.locator("#controls select")
         chosen = choice.locator("option").last.get_attribute("value")
         choice.select_option(chosen)
         used = "window.track?.getSettings().deviceId"
-        wait_for(page, lambda: page.evaluate(used) == chosen, 20)
+        wait_for(page, lambda: page.evaluate(used) == chosen)
         page.reload()
-        wait_for(page, lambda: page.evaluate(used) == chosen, 20)
+        wait_for(page, lambda: page.evaluate(used) == chosen)
         page.add_init_script("HTMLMediaElement.prototype.play = () => new Promise(() => {})")
         page.reload()  # now no picture comes at all
-        wait_for(page, lambda: text_of(page, "status") == "The camera sends no pictures", 20)
+        wait_for(page, lambda: text_of(page, "status") == "The camera sends no pictures")
         assert page.get_by_role("button", name="Start the camera again").is_visible()
 
 
@@ -413,7 +413,7 @@ def test_what_the_camera_sees_is_read_and_can_be_saved(browser, address, tmp_pat
         with page.expect_download(timeout=1e3 * PATIENCE_S) as download:
             page.get_by_role("button", name="Save what the camera sees").click()
         download.value.save_as(tmp_path / "saved.tar")
-        wait_for(page, lambda: text_of(page, "message"), 2 * PATIENCE_S)
+        wait_for(page, lambda: text_of(page, "message"))
         assert text_of(page, "message") == TEXT.decode()
         assert text_of(page, "status") == "Message received"
     with tarfile.open(tmp_path / "saved.tar") as archive:

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import PIL.Image
 import pytest
-from browser import PATIENCE_S, open_page, serve_folder, text_of, wait_for
+from browser import open_page, serve_folder, text_of, wait_for
 from conftest import OpenWindow, cases
 from moving import write_moving
 from pilot_films import CORNERS
@@ -581,7 +581,7 @@ def test_what_the_page_shows_is_read_by_both_receivers(
     write_film(tmp_path / "film.mkv", frames, fps)
     assert arrived is not None and events[-1]["text"] == "a"
     reader.set_input_files("#film", tmp_path / "film.mkv")
-    wait_for(reader, lambda: text_of(reader, "message") == "a", PATIENCE_S + number)
+    wait_for(reader, lambda: text_of(reader, "message") == "a")
     with reader.expect_download() as saved:
         reader.locator("#keep").click()
     assert saved.value.path().read_bytes() == b"a"

@@ -94,6 +94,7 @@ async function opened(file) {
 async function take(next) {
   const before = picture;
   const mine = (picture = next.catch(() => before));
+  say("");
   try {
     const { still: given, note = "", film } = await next;
     if (mine !== picture) return;
@@ -102,7 +103,7 @@ async function take(next) {
     [preview.width, preview.height] = [given.width, given.height];
     preview.getContext("2d").drawImage(given, 0, 0);
     sayCost(); // which depends on the picture, too
-    say(note);
+    if (note) say(note); // else what was said meanwhile stays, as that a program is missing
   } catch (error) {
     for (const id of ["picture", "camera"]) byId(id).value = ""; // which is not what is shown
     sayError(error);
