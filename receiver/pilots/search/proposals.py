@@ -251,21 +251,21 @@ class Proposer:
             found = display_candidates(even, EDGES)
             yield [self._watch.on_image(candidate.corners) for candidate in found]
 
-    def weigh_coarsely(self, quad: Array, count: int | None = None) -> tuple[float, Proposal]:
-        """Weigh a quadrilateral, any side up, by small views of what toggles in it.
+    def weigh_coarsely(
+        self, quad: Array, turn: int, count: int | None = None
+    ) -> tuple[float, Proposal]:
+        """Weigh a quadrilateral, upright and upside down, by small views of what toggles in it.
 
         Args:
             quad: (4, 2) pixels of the reference frame.
+            turn: number of quarter turns after which it is seen upright.
             count: as `Watch.places` takes it.
 
         Returns:
             the evidence, before it pays, and what it speaks for.
         """
-        ways = []
-        for turn in ANY_TURN:
-            values = self.pilots_seen(quad, turn, count)
-            ways.append(self._likeliest(np.roll(quad, -turn, axis=0), values))
-        return max(ways, key=lambda way: way[0])
+        values = self.pilots_seen(quad, turn, count)
+        return self._likeliest(np.roll(quad, -turn, axis=0), values)
 
     def pilots_seen(self, quad: Array, turn: int, count: int | None = None) -> PilotsSeen:
         """Measure what may be pilots in small views of a quadrilateral.

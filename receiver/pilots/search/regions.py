@@ -281,10 +281,15 @@ def ways_up(quads: Sequence[Array], *, likely: bool = True) -> Iterator[Array]:
 
 def _likely_turns(quad: Array) -> tuple[int, ...]:
     """List the quarter turns that are likely for an outline, as `ways_up` says."""
-    across, down = _lengths(quad)
-    if across > SURELY_LYING * down:
+    if is_lying(quad):
         return (0,)
-    return (3, 1) if down > SURELY_LYING * across else (0, 3, 1)
+    return (3, 1) if is_lying(np.roll(quad, 1, axis=0)) else (0, 3, 1)
+
+
+def is_lying(quad: Array) -> bool:
+    """Tell whether an outline, (4, 2), is so wide that its picture is likely not turned."""
+    across, down = _lengths(quad)
+    return across > SURELY_LYING * down
 
 
 def _on_quads(quads: Array, places: Array) -> Array:

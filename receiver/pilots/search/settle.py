@@ -56,6 +56,9 @@ seen: a false-alarm probability of one in 400, so that few proposals of chance c
 COARSE_ROUNDS, BLOCK_ROUNDS, LENS_ROUNDS = 5, 5, 20
 """Largest number of times that corners are moved by parts of the display, by all of its blocks, and
 by these while the lens is found, too. They bound the work; chosen by hand."""
+ROUNDS_AT_ONCE = 3
+"""Number of moves by all blocks that are made in one step, which then takes about as long as other
+steps of the search. Chosen by hand."""
 SETTLED_PX = 3.0
 """Distance, in layout pixels, below which a coarse move is the last one: less than half a block of
 8 px, from where the fit by all blocks goes on. Chosen by hand."""
@@ -212,8 +215,9 @@ def _by_blocks(proposal: Proposal, frames: Sequence[HeldFrame]) -> Steps[BlockFi
         views.append(view)
     yield 1
     fit = yield from block_fit(maps, views, positions(frames), proposal.toggling)
-    for _ in range(BLOCK_ROUNDS):
-        yield 1
+    for number in range(BLOCK_ROUNDS):
+        if number % ROUNDS_AT_ONCE == 0:
+            yield 1
         if fit.step():
             break
     return fit

@@ -23,6 +23,7 @@ from receiver.pilots.search.proposals import (
 from receiver.pilots.search.regions import (
     WITH_BARS,
     about_middle,
+    is_lying,
     panels_of,
     pictures_in,
     reaching_beyond,
@@ -31,9 +32,9 @@ from receiver.pilots.search.regions import (
 from receiver.pilots.search.settle import HINT, Detection, verify
 from receiver.pilots.search.watch import NEXT_FRAME, Watch
 
-WEIGHED_AT_ONCE = 2
-"""Number of quadrilaterals that are weighed coarsely in one step, which then takes about as long as
-other steps of the search. Chosen by hand."""
+WEIGHED_AT_ONCE = 4
+"""Number of times that a quadrilateral is weighed coarsely in one step, which then takes about as
+long as other steps of the search. Chosen by hand."""
 SURROUNDED = 4
 """Number of quadrilaterals, those of the strongest edges, that are followed by what surrounds them.
 It bounds the work; chosen by hand."""
@@ -161,12 +162,15 @@ class WindowSearch:
     def _weigh_coarsely(self, quads: Sequence[Array], count: int | None = None) -> Search:
         """Weigh quadrilaterals coarsely, and verify each that is promising.
 
+        What is wider than high is seldom a picture that is turned, so such pictures come last.
+
         Args:
             quads: (4, 2) pixels of the reference frame each, the likeliest first.
             count: as `Watch.places` takes it; None for those that are proposed late.
         """
-        for number, quad in enumerate(quads):
-            evidence, proposal = self._proposer.weigh_coarsely(quad, count)
+        ways = sorted(product(quads, ANY_TURN), key=lambda way: way[1] == 1 and is_lying(way[0]))
+        for number, (quad, turn) in enumerate(ways):
+            evidence, proposal = self._proposer.weigh_coarsely(quad, turn, count)
             self.watch.tell("weighed", quad, evidence)
             if evidence > PROMISING and (found := (yield from self._weigh_and_verify(proposal))):
                 return found

@@ -244,21 +244,16 @@ export class Proposer {
   }
 
   /**
-   * Weigh a quadrilateral by small views of what toggles in it, step by step.
+   * Weigh a quadrilateral, upright and upside down, by small views of what toggles in it.
    *
    * @param {Point[]} quad
+   * @param {number} turn - number of quarter turns after which it is seen upright
    * @param {number | null} [count] - of the frames, from the first on, in which it is followed by
    *   its own motion; null to look at all, held still as the room is, which is quicker
-   * @returns {Steps<Weighed>} what is surest
+   * @returns {Weighed} what is surest
    */
-  *weighCoarselySteps(quad, count = null) {
-    const ways = [];
-    for (const turn of ANY_TURN) {
-      const values = this.#pilotsSeen(quad, turn, count);
-      ways.push(this.#surest(rolled(quad, turn), values));
-      yield COARSE_WORK / 2;
-    }
-    return surestOf(ways);
+  weighCoarsely(quad, turn, count = null) {
+    return this.#surest(rolled(quad, turn), this.#pilotsSeen(quad, turn, count));
   }
 
   /**

@@ -215,9 +215,19 @@ export function* waysUp(quads, isLikely = true) {
  * @param {Point[]} quad
  */
 function likelyTurns(quad) {
+  if (isLying(quad)) return [0];
+  return isLying(rolled(quad, 1)) ? [3, 1] : [0, 3, 1];
+}
+
+/**
+ * Tell whether an outline is so wide that its picture is likely not turned.
+ *
+ * @param {Point[]} quad
+ * @returns {boolean}
+ */
+export function isLying(quad) {
   const [top, right, bottom, left] = sideLengths(quad);
-  if (top + bottom > SURELY_LYING * (right + left)) return [0];
-  return right + left > SURELY_LYING * (top + bottom) ? [3, 1] : [0, 3, 1];
+  return top + bottom > SURELY_LYING * (right + left);
 }
 
 /**

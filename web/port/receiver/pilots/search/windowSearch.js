@@ -10,9 +10,9 @@ import {
   receiverPilotsSearchRegions, receiverPilotsSearchWindowSearch,
 } from "../../../../generated/constants.js";
 import {
-  COARSE_WORK, LEAVING, NEXT_FRAME, PROMISING, Proposer, STRONGEST, weighSteps,
+  ANY_TURN, COARSE_WORK, LEAVING, NEXT_FRAME, PROMISING, Proposer, STRONGEST, weighSteps,
 } from "./proposals.js";
-import { aboutMiddle, panelsOf, picturesIn, reachingBeyond, waysUp } from "./regions.js";
+import { aboutMiddle, isLying, panelsOf, picturesIn, reachingBeyond, waysUp } from "./regions.js";
 import { HINT, verifySteps } from "./settle.js";
 
 /** @typedef {import("./proposals.js").Proposal} Proposal */
@@ -162,14 +162,19 @@ export class WindowSearch {
   }
 
   /**
-   * Weigh quadrilaterals coarsely, and verify each that is promising.
+   * Weigh quadrilaterals coarsely, and verify each that is promising. What is wider than high is seldom
+   * a picture that is turned, so such pictures come last.
    *
    * @param {Point[][]} quads - the likeliest first
    * @param {number | null} [count] - as `Watch.places` takes it; null for those that are proposed late
    */
   *#weighCoarsely(quads, count = null) {
-    for (const quad of quads) {
-      const { evidence, proposal } = yield* this.#proposer.weighCoarselySteps(quad, count);
+    const ways = quads.flatMap((quad) => ANY_TURN.map((turn) => ({ quad, turn })));
+    const isSeldom = (/** @type {typeof ways[0]} */ way) => way.turn === 1 && isLying(way.quad);
+    ways.sort((one, other) => Number(isSeldom(one)) - Number(isSeldom(other))); // a stable order
+    for (const { quad, turn } of ways) {
+      const { evidence, proposal } = this.#proposer.weighCoarsely(quad, turn, count);
+      yield COARSE_WORK / 2;
       if (evidence > PROMISING) {
         const found = yield* this.#weighAndVerify(proposal);
         if (found !== null) return found;
