@@ -32,9 +32,10 @@ from receiver.pilots.search.regions import (
 from receiver.pilots.search.settle import HINT, Detection, verify
 from receiver.pilots.search.watch import NEXT_FRAME, Watch
 
-WEIGHED_AT_ONCE = 4
+WEIGHED_AT_ONCE, KNOWN_AT_ONCE = 4, 8
 """Number of times that a quadrilateral is weighed coarsely in one step, which then takes about as
-long as other steps of the search. Chosen by hand."""
+long as other steps of the search; and where its pilots were measured as the frames came, which is
+more than half of the work. Chosen by hand."""
 SURROUNDED = 4
 """Number of quadrilaterals, those of the strongest edges, that are followed by what surrounds them.
 It bounds the work; chosen by hand."""
@@ -169,12 +170,13 @@ class WindowSearch:
             count: as `Watch.places` takes it; None for those that are proposed late.
         """
         ways = sorted(product(quads, ANY_TURN), key=lambda way: way[1] == 1 and is_lying(way[0]))
+        at_once = WEIGHED_AT_ONCE if count is None else KNOWN_AT_ONCE
         for number, (quad, turn) in enumerate(ways):
             evidence, proposal = self._proposer.weigh_coarsely(quad, turn, count)
             self.watch.tell("weighed", quad, evidence)
             if evidence > PROMISING and (found := (yield from self._weigh_and_verify(proposal))):
                 return found
-            if number % WEIGHED_AT_ONCE == WEIGHED_AT_ONCE - 1:
+            if number % at_once == at_once - 1:
                 yield 1
         return None
 
