@@ -301,7 +301,7 @@ export class Proposer {
       const { evidence, toggling } = findToggling(shown, layout, at, this.#watch.fps);
       return { evidence, proposal: { corners: rolled(corners, half), layout, toggling } };
     });
-    return surestOf(found);
+    return found.reduce((best, each) => (each.evidence > best.evidence ? each : best));
   }
 
   /**
@@ -394,9 +394,4 @@ function pilotsIn(views, layouts) {
     return pilots.map((each) => blocks.map((shown) => picked(shown, each)));
   });
   return views.map((_, at) => ways.map((values) => values[at]));
-}
-
-/** Choose what has most evidence. @param {Weighed[]} found @returns {Weighed} */
-function surestOf(found) {
-  return found.reduce((best, each) => (each.evidence > best.evidence ? each : best));
 }
