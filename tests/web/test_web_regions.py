@@ -18,6 +18,7 @@ from models import REGION_GRAPH
 from receiver.locate.quads import upright
 from receiver.pilots.search.proposals import Proposer
 from receiver.pilots.search.regions import (
+    PANEL_SHAPES,
     PICTURE_SHARES,
     WITH_BARS,
     about_middle,
@@ -26,6 +27,7 @@ from receiver.pilots.search.regions import (
     outline_regions,
     panels_of,
     pictures_in,
+    portrait_beyond,
     portrait_parts,
     reaching_beyond,
     ways_up,
@@ -107,9 +109,14 @@ def test_pictures_are_sought_within_panels_and_in_every_way_up_as_by_python(port
             known = about_middle(outline, share, WITH_BARS)
             same(ported.aboutMiddle(outline.tolist(), share, WITH_BARS), known, 1e-5)
     for portrait in (standing, 4 * standing - [0, 40], 9 * lying - [90, 0]):
-        known = np.reshape(reaching_beyond(portrait, 80, 45), (-1, 4, 2))
-        found = ported.reachingBeyond(portrait.tolist(), 80, 45)
-        same(np.reshape(found, (-1, 4, 2)), known, 1e-5)
+        for known, found in (
+            (portrait_beyond(portrait, 80, 45), ported.portraitBeyond(portrait.tolist(), 80, 45)),
+            (
+                reaching_beyond(portrait, PANEL_SHAPES, 80, 45),
+                ported.reachingBeyond(portrait.tolist(), PANEL_SHAPES, 80, 45),
+            ),
+        ):
+            same(np.reshape(found, (-1, 4, 2)), np.reshape(known, (-1, 4, 2)), 1e-5)
     panels = [lying, standing]
     found = ported.picturesIn([panel.tolist() for panel in panels])
     same(np.array(found), np.array(pictures_in(panels)), 1e-5)

@@ -194,19 +194,21 @@ class Proposer:
             found.append([watch.on_image(quad) for quad in quads])
         return Regions(*found)
 
-    def likeliest(self, quads: Sequence[Array], limit: int) -> list[Array]:
+    def likeliest(self, quads: Sequence[Array], limit: int, *, lean: bool = False) -> list[Array]:
         """Choose by the newest map of what toggles (`receiver.pilots.search.regions.likeliest`).
 
         Args:
             quads: (4, 2) pixels of the reference each.
             limit: largest number chosen.
+            lean: whether all cells count as likelier (`receiver.pilots.search.regions.leaning`).
 
         Returns:
             the likeliest first; none before there is a map.
         """
         if self._log_odds is None:
             return []
-        return [quads[i] for i in likeliest(self._on_cells(quads), self._log_odds, limit)]
+        odds = leaning(self._log_odds) if lean else self._log_odds
+        return [quads[i] for i in likeliest(self._on_cells(quads), odds, limit)]
 
     def _on_cells(self, quads: Sequence[Array]) -> Array:
         """Move quadrilaterals of the reference into the cells of a map: (N, 4, 2), upright."""

@@ -45,8 +45,10 @@ as shares of the width of a display of 16:9."""
 PORTRAIT_PART = 2 * PICTURE_SHARES[-1] / (1 + PICTURE_SHARES[-1])
 """Width of a picture of 9:16 in the middle of a display of 16:9, as a share of the width from one
 of its sides to the opposite side of the display."""
-PORTRAIT_LENGTH = 16 / 9
-"""Length of a portrait picture of 9:16, in widths."""
+PORTRAIT_SHAPE = 9 / 16
+"""Width of portrait pictures over their height."""
+PANEL_SHAPES = 16 / 9, 4 / 3
+"""Widths of displays, and of pictures in windows, over their heights."""
 PORTRAITS = 3
 """Largest number of portrait pictures that are proposed where a side of theirs is not seen. It
 bounds the work; chosen by hand."""
@@ -189,41 +191,52 @@ def portrait_parts(quads: Array, maps: Sequence[NDArray[np.float32]]) -> list[Ar
     return [part for odds in maps for part in parts[likeliest(parts, odds, PORTRAITS)]]
 
 
-def reaching_beyond(portrait: Array, width: int, height: int) -> list[Array]:
-    """Place what is not seen of a portrait picture that is longer than the image, by its shape.
+def reaching_beyond(quad: Array, shapes: Sequence[float], width: int, height: int) -> list[Array]:
+    """Place what is not seen of a picture or panel that leaves the image, by its shape.
 
     Three sides of a rectangle tell how it lies in space, and one length the others.
 
     Args:
-        portrait: (4, 2) pixels, clockwise; a side of which both corners are outside the image is
-            taken for a guess, and the others for right.
+        quad: (4, 2) pixels, clockwise from the top left; a side of which both corners are outside
+            the image is taken for a guess, and the others for right.
+        shapes: widths over heights that it may have.
         width: width of the image, pixels.
         height: its height, pixels.
 
     Returns:
-        (4, 2) for each short side that is outside, with this side where a picture of 9:16 has it
-        before a camera of `FOCAL_SHARE`.
+        (4, 2) for each side that is outside and each shape, with this side where a rectangle of the
+        shape has it before a camera of `FOCAL_SHARE`.
 
     >>> guess = np.array([[400.0, -100], [800, -100], [800, 600], [400, 600]])
-    >>> reaching_beyond(guess, 1280, 720)[0].round().tolist()
+    >>> reaching_beyond(guess, [9 / 16], 1280, 720)[0].round().tolist()
     [[400.0, -111.0], [800.0, -111.0], [800.0, 600.0], [400.0, 600.0]]
     """
-    standing, found = np.roll(_lying(portrait), -1, axis=0), []
     middle, focal = np.array([width - 1, height - 1]) / 2, FOCAL_SHARE * max(width, height)
-    for quad in standing, np.roll(standing, -2, axis=0):
-        if in_image(quad[:2], (height, width)).any():
+    found = []
+    for side in range(4):
+        turned = np.roll(quad, -side, axis=0)  # from the side that may be outside on
+        if in_image(turned[:2], (height, width)).any():
             continue
-        a, b, c, d = np.column_stack([(quad - middle) / focal, np.ones(4)])  # rays to the corners
-        along = np.cross(np.cross(d, a), np.cross(c, b))  # where both long sides go to
+        a, b, c, d = np.column_stack([(turned - middle) / focal, np.ones(4)])  # rays to the corners
+        along = np.cross(np.cross(d, a), np.cross(c, b))  # where both other sides go to
         along *= np.sign(along @ (a - d)) / np.linalg.norm(along)
         across = np.cross(np.cross(d, c), along)
         c_side, d_side = np.cross(c, across), np.cross(d, across)
         corner = c * (c_side @ d_side) / (c_side @ c_side)  # so far away that it is beside d
-        long = along * np.linalg.norm(corner - d) * PORTRAIT_LENGTH
-        ends = np.array([d + long, corner + long])
-        if (ends[:, 2] > 0).all():  # before the camera
-            found.append(np.concatenate([ends[:, :2] / ends[:, 2:] * focal + middle, quad[2:]]))
+        for shape in shapes:
+            sides = shape if side % 2 else 1 / shape  # length along, in lengths across
+            ends = np.array([d, corner]) + along * np.linalg.norm(corner - d) * sides
+            if (ends[:, 2] > 0).all():  # before the camera
+                placed = ends[:, :2] / ends[:, 2:] * focal + middle
+                found.append(np.roll(np.concatenate([placed, turned[2:]]), side, axis=0))
     return found
+
+
+def portrait_beyond(part: Array, width: int, height: int) -> list[Array]:
+    """Place the ends of a portrait picture that is longer than the image (`reaching_beyond`)."""
+    across, down = _lengths(part)
+    shape = PORTRAIT_SHAPE if down > across else 1 / PORTRAIT_SHAPE
+    return reaching_beyond(part, [shape], width, height)
 
 
 def panels_of(quads: Sequence[Array]) -> list[Array]:
@@ -270,7 +283,7 @@ def ways_up(quads: Sequence[Array], *, likely: bool = True) -> Iterator[Array]:
     >>> [way[0].tolist() for way in ways_up([np.array([[0, 0], [90, 0], [90, 160], [0, 160]])])]
     [[0, 160], [90, 0]]
     """
-    turns = [_likely_turns(quad) for quad in quads]
+    turns = [likely_turns(quad) for quad in quads]
     if not likely:
         turns = [tuple({0, 1, 2, 3} - set(each)) for each in turns]
     for rank in range(4):
@@ -279,17 +292,12 @@ def ways_up(quads: Sequence[Array], *, likely: bool = True) -> Iterator[Array]:
                 yield np.roll(quad, -order[rank], axis=0)
 
 
-def _likely_turns(quad: Array) -> tuple[int, ...]:
+def likely_turns(quad: Array) -> tuple[int, ...]:
     """List the quarter turns that are likely for an outline, as `ways_up` says."""
-    if is_lying(quad):
-        return (0,)
-    return (3, 1) if is_lying(np.roll(quad, 1, axis=0)) else (0, 3, 1)
-
-
-def is_lying(quad: Array) -> bool:
-    """Tell whether an outline, (4, 2), is so wide that its picture is likely not turned."""
     across, down = _lengths(quad)
-    return across > SURELY_LYING * down
+    if across > SURELY_LYING * down:
+        return (0,)
+    return (3, 1) if down > SURELY_LYING * across else (0, 3, 1)
 
 
 def _on_quads(quads: Array, places: Array) -> Array:

@@ -21,11 +21,13 @@ from receiver.pilots.search.proposals import (
     weigh,
 )
 from receiver.pilots.search.regions import (
+    PANEL_SHAPES,
     WITH_BARS,
     about_middle,
-    is_lying,
+    likely_turns,
     panels_of,
     pictures_in,
+    portrait_beyond,
     reaching_beyond,
     ways_up,
 )
@@ -46,6 +48,10 @@ PROPOSED, BEFORE_LEAVING = 15, 7
 """Number of proposed quadrilaterals, the likeliest by the map, that are weighed, and number of
 those where the display may leave the image: there the pilots' fit finds more. They bound the work;
 chosen with 300 films of another simulation."""
+COMPLETED, PLACED = 4, 2
+"""Number of quadrilaterals of edges that leave the image, those of the strongest edges, that are
+completed by the shapes of panels; and number of results, the likeliest by the map, that the pilots
+are fitted to. They bound the work; chosen with 13 films of which one corner is outside."""
 BARRED = 2
 """Number of pictures between black bars, those of the likeliest shape, that the pilots are fitted
 to. It bounds the work; chosen by hand."""
@@ -136,9 +142,9 @@ class WindowSearch:
         regions, leaving, portraits = yield from proposer.regions([*chain(*strongest)])
         snapped = proposer.snapped(regions[0]) if regions else []
         bounding = proposer.likeliest([*edges, *first], BOUNDING)
-        panels = [*bounding[:1], *chain(*map(panels_of, strongest))]
+        whole = [*bounding[:1], *chain(*map(panels_of, strongest))]
         partly = pictures_in(proposer.partly_seen[:LEAVING]) if leaving else []
-        between = pictures_in(panels)
+        between = pictures_in(whole)
         proposed = [*bounding, *snapped, *regions, *between]
         most = BEFORE_LEAVING if leaving else PROPOSED
         if found := (yield from self._weigh_coarsely(proposer.likeliest(proposed, most))):
@@ -148,9 +154,12 @@ class WindowSearch:
         if found := (yield from self._weigh_coarsely(portraits)):
             return found
         size = self.watch.reference.shape[1::-1]
-        beyond = [quad for part in portraits[:1] for quad in reaching_beyond(part, *size)]
+        beyond = [quad for part in portraits[:1] for quad in portrait_beyond(part, *size)]
+        panels = proposer.partly_seen[:COMPLETED] if leaving else []
+        placed = [quad for each in panels for quad in reaching_beyond(each, PANEL_SHAPES, *size)]
         likely = [*leaving, *regions[:1], *bounding[:1]]
-        if found := (yield from self._fit(chain(ways_up(beyond), ways_up(likely)))):
+        fitted = beyond, proposer.likeliest(placed, PLACED, lean=True), likely
+        if found := (yield from self._fit(chain(*map(ways_up, fitted)))):
             return found
         for quads in faint:
             others = [*quads[:STRONGEST], *proposer.likeliest(quads, BOUNDING)]
@@ -163,13 +172,13 @@ class WindowSearch:
     def _weigh_coarsely(self, quads: Sequence[Array], count: int | None = None) -> Search:
         """Weigh quadrilaterals coarsely, and verify each that is promising.
 
-        What is wider than high is seldom a picture that is turned, so such pictures come last.
+        Quarter turns that are not likely for a quadrilateral's shape come last.
 
         Args:
             quads: (4, 2) pixels of the reference frame each, the likeliest first.
             count: as `Watch.places` takes it; None for those that are proposed late.
         """
-        ways = sorted(product(quads, ANY_TURN), key=lambda way: way[1] == 1 and is_lying(way[0]))
+        ways = sorted(product(quads, ANY_TURN), key=_is_unlikely)
         at_once = WEIGHED_AT_ONCE if count is None else KNOWN_AT_ONCE
         for number, (quad, turn) in enumerate(ways):
             evidence, proposal = self._proposer.weigh_coarsely(quad, turn, count)
@@ -226,3 +235,9 @@ class WindowSearch:
                     self.waiting.append(verification)
                 return None
             yield work
+
+
+def _is_unlikely(way: tuple[Array, int]) -> bool:
+    """Tell whether a quadrilateral is unlikely to be upright or upside down after quarter turns."""
+    quad, turn = way
+    return turn not in [likely % 2 for likely in likely_turns(quad)]

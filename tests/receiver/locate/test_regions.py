@@ -21,9 +21,11 @@ from receiver.pilots.search import proposals
 from receiver.pilots.search.pilot_search import PilotSearch
 from receiver.pilots.search.proposals import Proposer
 from receiver.pilots.search.regions import (
+    PANEL_SHAPES,
     _within,
     leaving_regions,
     outline_regions,
+    portrait_beyond,
     portrait_parts,
     reaching_beyond,
 )
@@ -85,16 +87,36 @@ def test_a_portrait_picture_is_found_where_one_of_its_sides_is_not_seen(side: in
     assert off(first, picture) < 0.01
 
 
+def in_space(width: float, height: float, middle: list[float]) -> Array:
+    """The picture of a rectangle, (4, 2), in an image of 1280 x 720 of a usual focal length."""
+    turn = cv2.Rodrigues(np.array([0.1, 0.6, 0.05]))[0]
+    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) / 2
+    places = corners * [width, height, 1] @ turn.T + middle
+    return 1280 * places[:, :2] / places[:, 2:] + [639.5, 359.5]
+
+
+def guessed(picture: Array, side: int) -> Array:
+    """The same quadrilateral with a side that is elsewhere, between the same sides."""
+    guess = np.roll(picture, -side, axis=0)
+    guess[:2] = guess[[3, 2]] + 0.95 * (guess[:2] - guess[[3, 2]])
+    return np.roll(guess, side, axis=0)
+
+
 @pytest.mark.parametrize("end", [0, 2])
 def test_a_portrait_picture_longer_than_the_image_is_completed_by_its_shape(end: int) -> None:
-    turn = cv2.Rodrigues(np.array([0.1, 0.6, 0.05]))[0]
-    places = np.array([[-9, -16, 0], [9, -16, 0], [9, 16, 0], [-9, 16, 0]]) @ turn.T + [1, 2, 35]
-    picture = 1280 * places[:, :2] / places[:, 2:] + [639.5, 359.5]
-    guess = np.roll(picture, -end, axis=0)
-    guess[:2] = guess[[3, 2]] + 0.95 * (guess[:2] - guess[[3, 2]])  # on the same long sides
-    guess = np.roll(guess, end, axis=0)
-    assert min(off(each, picture) for each in reaching_beyond(guess, 1280, 720)) < 0.01
-    assert reaching_beyond(0.5 * picture + [0, 150], 1280, 720) == []  # all in view
+    picture = in_space(18, 32, [1, 2, 35])
+    found = portrait_beyond(guessed(picture, end), 1280, 720)
+    assert min(off(each, picture) for each in found) < 0.01
+    assert portrait_beyond(0.5 * picture + [0, 150], 1280, 720) == []  # all in view
+
+
+@pytest.mark.parametrize("side", range(4))
+def test_a_panel_that_leaves_the_image_is_completed_by_its_shape(side: int) -> None:
+    middle = [[0, -7, 40], [16, 0, 40], [0, 7, 40], [-16, 0, 40]][side]
+    panel = in_space(24, 18, middle)
+    found = reaching_beyond(guessed(panel, side), PANEL_SHAPES, 1280, 720)
+    assert min(off(each, panel) for each in found) < 0.01
+    assert off(guessed(panel, side), panel) > 1
 
 
 def test_edges_of_a_display_that_leaves_the_image_are_told_from_others_by_what_toggles() -> None:

@@ -192,13 +192,15 @@ export class Proposer {
    *
    * @param {Point[][]} quads
    * @param {number} limit - largest number chosen
+   * @param {boolean} [lean] - whether all cells count as likelier (`leaning`)
    * @returns {Point[][]} the likeliest first; none before there is a map
    */
-  likeliest(quads, limit) {
+  likeliest(quads, limit, lean = false) {
     if (this.#logOdds === null) return [];
+    const odds = lean ? leaning(this.#logOdds) : this.#logOdds;
     const cells = quads.map((quad) => this.#onCells(quad));
     const columns = Math.floor(this.#watch.stills.width / CELL_PX);
-    return likeliest(cells, this.#logOdds, columns, limit).map((at) => quads[at]);
+    return likeliest(cells, odds, columns, limit).map((at) => quads[at]);
   }
 
   /**

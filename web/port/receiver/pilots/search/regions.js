@@ -11,7 +11,7 @@ import { distinct, isNested, rolled, upright } from "../../locate/quads.js";
 
 const {
   REGIONS, LEAST_CELLS, MOST_ODDS, BEYOND_CELLS, BEYOND_ODDS, LEAVING_ODDS, STEPS,
-  SURELY_LYING, MOST_MOVES, MOVES, PICTURE_SHARES, PORTRAITS, PORTRAIT_LENGTH, PORTRAIT_PART,
+  SURELY_LYING, MOST_MOVES, MOVES, PICTURE_SHARES, PORTRAITS, PORTRAIT_PART, PORTRAIT_SHAPE,
   FOCAL_SHARE, SAME_CELLS,
 } = receiverPilotsSearchRegions;
 const { UNIT_SQUARE } = geometry;
@@ -116,18 +116,18 @@ export function portraitParts(quads, maps, width) {
 }
 
 /**
- * Place what is not seen of a portrait picture that is longer than the image, by its shape: three sides
- * of a rectangle tell how it lies in space, and one length the others.
+ * Place what is not seen of a picture or panel that leaves the image, by its shape: three sides of a
+ * rectangle tell how it lies in space, and one length the others.
  *
- * @param {Point[]} portrait - pixels, clockwise; a side of which both corners are outside the image is
- *   taken for a guess, and the others for right
+ * @param {Point[]} quad - pixels, clockwise from the top left; a side of which both corners are outside
+ *   the image is taken for a guess, and the others for right
+ * @param {readonly number[]} shapes - widths over heights that it may have
  * @param {number} width - of the image, pixels
  * @param {number} height - of the image, pixels
- * @returns {Point[][]} for each short side that is outside, the picture with this side where one of 9:16
- *   has it before a camera of `FOCAL_SHARE`
+ * @returns {Point[][]} for each side that is outside and each shape, the quadrilateral with this side
+ *   where a rectangle of the shape has it before a camera of `FOCAL_SHARE`
  */
-export function reachingBeyond(portrait, width, height) {
-  const standing = rolled(lying(portrait), 1);
+export function reachingBeyond(quad, shapes, width, height) {
   const middle = [(width - 1) / 2, (height - 1) / 2];
   const focal = FOCAL_SHARE * Math.max(width, height);
   const ray = (/** @type {Point} */ point) => [
@@ -136,22 +136,38 @@ export function reachingBeyond(portrait, width, height) {
   const seen = (/** @type {number[]} */ [x, y, z]) =>
     /** @type {Point} */ ([x, y].map((place, axis) => (place / z) * focal + middle[axis]));
   const found = [];
-  for (const quad of [standing, rolled(standing, 2)]) {
-    if (inImage(quad.slice(0, 2), width, height).some(Boolean)) continue;
-    const [a, b, c, d] = quad.map(ray); // to the corners
-    const along = cross(cross(d, a), cross(c, b)); // where both long sides go to
+  for (const side of quad.keys()) {
+    const turned = rolled(quad, side); // from the side that may be outside on
+    if (inImage(turned.slice(0, 2), width, height).some(Boolean)) continue;
+    const [a, b, c, d] = turned.map(ray); // to the corners
+    const along = cross(cross(d, a), cross(c, b)); // where both other sides go to
     const across = cross(cross(d, c), along);
     const [cSide, dSide] = [cross(c, across), cross(d, across)];
     const far = dot(cSide, dSide) / dot(cSide, cSide);
     const corner = c.map((part) => far * part); // so far away that it is beside d
-    const sign = Math.sign(dot(along, a) - dot(along, d));
-    const long = PORTRAIT_LENGTH * Math.hypot(...corner.map((part, k) => part - d[k]));
-    const ends = [d, corner].map((end) =>
-      end.map((part, k) => part + (sign * long * along[k]) / Math.hypot(...along)),
-    );
-    if (ends.every((end) => end[2] > 0)) found.push([...ends.map(seen), quad[2], quad[3]]);
+    const sign = Math.sign(dot(along, a) - dot(along, d)) / Math.hypot(...along);
+    const length = sign * Math.hypot(...corner.map((part, k) => part - d[k]));
+    for (const shape of shapes) {
+      const long = length * (side % 2 ? shape : 1 / shape);
+      const ends = [d, corner].map((end) => end.map((part, k) => part + long * along[k]));
+      if (!ends.every((end) => end[2] > 0)) continue; // behind the camera
+      found.push(rolled([...ends.map(seen), turned[2], turned[3]], 4 - side));
+    }
   }
   return found;
+}
+
+/**
+ * Place the ends of a portrait picture that is longer than the image, as `reachingBeyond` does.
+ *
+ * @param {Point[]} part
+ * @param {number} width - of the image, pixels
+ * @param {number} height - of the image, pixels
+ */
+export function portraitBeyond(part, width, height) {
+  const [top, right, bottom, left] = sideLengths(part);
+  const shape = right + left > top + bottom ? PORTRAIT_SHAPE : 1 / PORTRAIT_SHAPE;
+  return reachingBeyond(part, [shape], width, height);
 }
 
 /**
@@ -214,20 +230,10 @@ export function* waysUp(quads, isLikely = true) {
  *
  * @param {Point[]} quad
  */
-function likelyTurns(quad) {
-  if (isLying(quad)) return [0];
-  return isLying(rolled(quad, 1)) ? [3, 1] : [0, 3, 1];
-}
-
-/**
- * Tell whether an outline is so wide that its picture is likely not turned.
- *
- * @param {Point[]} quad
- * @returns {boolean}
- */
-export function isLying(quad) {
+export function likelyTurns(quad) {
   const [top, right, bottom, left] = sideLengths(quad);
-  return top + bottom > SURELY_LYING * (right + left);
+  if (top + bottom > SURELY_LYING * (right + left)) return [0];
+  return right + left > SURELY_LYING * (top + bottom) ? [3, 1] : [0, 3, 1];
 }
 
 /**

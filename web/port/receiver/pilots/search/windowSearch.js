@@ -12,7 +12,9 @@ import {
 import {
   ANY_TURN, COARSE_WORK, LEAVING, NEXT_FRAME, PROMISING, Proposer, STRONGEST, weighSteps,
 } from "./proposals.js";
-import { aboutMiddle, isLying, panelsOf, picturesIn, reachingBeyond, waysUp } from "./regions.js";
+import {
+  aboutMiddle, likelyTurns, panelsOf, picturesIn, portraitBeyond, reachingBeyond, waysUp,
+} from "./regions.js";
 import { HINT, verifySteps } from "./settle.js";
 
 /** @typedef {import("./proposals.js").Proposal} Proposal */
@@ -20,9 +22,9 @@ import { HINT, verifySteps } from "./settle.js";
 /** @typedef {import("./settle.js").Detection} Detection */
 /** @typedef {import("./watch.js").Watch} Watch */
 
-const { WITH_BARS } = receiverPilotsSearchRegions;
+const { PANEL_SHAPES, WITH_BARS } = receiverPilotsSearchRegions;
 const {
-  SURROUNDED, BOUNDING, PROPOSED, BEFORE_LEAVING, BARRED,
+  SURROUNDED, BOUNDING, PROPOSED, BEFORE_LEAVING, BARRED, COMPLETED, PLACED,
 } = receiverPilotsSearchWindowSearch;
 /** Units of work of beginning to follow what surrounds quadrilaterals. */
 const SURROUND_WORK = 10;
@@ -137,13 +139,16 @@ export class WindowSearch {
     const proposed = [...bounding, ...snapped, ...regions, ...between];
     const most = isLeaving ? BEFORE_LEAVING : PROPOSED;
     const { width, height } = this.watch.reference;
-    const beyond = portraits.slice(0, 1).flatMap((part) => reachingBeyond(part, width, height));
+    const beyond = portraits.slice(0, 1).flatMap((part) => portraitBeyond(part, width, height));
+    const panels = isLeaving ? proposer.partlySeen.slice(0, COMPLETED) : [];
+    const placed = panels.flatMap((each) => reachingBeyond(each, PANEL_SHAPES, width, height));
     const bounded =
       (yield* this.#weighCoarsely(proposer.likeliest(proposed, most))) ??
       (yield* this.#fit(partly.slice(0, BARRED))) ??
       (yield* this.#weighCoarsely(portraits)) ??
       (yield* this.#fit([
         ...waysUp(beyond),
+        ...waysUp(proposer.likeliest(placed, PLACED, true)),
         ...waysUp([...leaving, ...regions.slice(0, 1), ...bounding.slice(0, 1)]),
       ]));
     if (bounded !== null) return bounded;
@@ -162,16 +167,17 @@ export class WindowSearch {
   }
 
   /**
-   * Weigh quadrilaterals coarsely, and verify each that is promising. What is wider than high is seldom
-   * a picture that is turned, so such pictures come last.
+   * Weigh quadrilaterals coarsely, and verify each that is promising. Quarter turns that are not likely
+   * for a quadrilateral's shape come last.
    *
    * @param {Point[][]} quads - the likeliest first
    * @param {number | null} [count] - as `Watch.places` takes it; null for those that are proposed late
    */
   *#weighCoarsely(quads, count = null) {
     const ways = quads.flatMap((quad) => ANY_TURN.map((turn) => ({ quad, turn })));
-    const isSeldom = (/** @type {typeof ways[0]} */ way) => way.turn === 1 && isLying(way.quad);
-    ways.sort((one, other) => Number(isSeldom(one)) - Number(isSeldom(other))); // a stable order
+    const isUnlikely = (/** @type {typeof ways[0]} */ { quad, turn }) =>
+      !likelyTurns(quad).some((likely) => likely % 2 === turn);
+    ways.sort((one, other) => Number(isUnlikely(one)) - Number(isUnlikely(other))); // a stable order
     for (const { quad, turn } of ways) {
       const { evidence, proposal } = this.#proposer.weighCoarsely(quad, turn, count);
       yield COARSE_WORK / 2;
