@@ -158,7 +158,7 @@ class WindowSearch:
         panels = proposer.partly_seen[:COMPLETED] if leaving else []
         placed = [quad for each in panels for quad in reaching_beyond(each, PANEL_SHAPES, *size)]
         likely = [*leaving, *regions[:1], *bounding[:1]]
-        fitted = beyond, proposer.likeliest(placed, PLACED, lean=True), likely
+        fitted = beyond, likely, proposer.likeliest(placed, PLACED, lean=True)
         if found := (yield from self._fit(chain(*map(ways_up, fitted)))):
             return found
         for quads in faint:

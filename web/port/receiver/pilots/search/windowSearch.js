@@ -148,8 +148,8 @@ export class WindowSearch {
       (yield* this.#weighCoarsely(portraits)) ??
       (yield* this.#fit([
         ...waysUp(beyond),
-        ...waysUp(proposer.likeliest(placed, PLACED, true)),
         ...waysUp([...leaving, ...regions.slice(0, 1), ...bounding.slice(0, 1)]),
+        ...waysUp(proposer.likeliest(placed, PLACED, true)),
       ]));
     if (bounded !== null) return bounded;
     for (const steps of withoutDetails) {
