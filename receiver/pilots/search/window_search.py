@@ -155,11 +155,13 @@ class WindowSearch:
             return found
         size = self.watch.reference.shape[1::-1]
         beyond = [quad for part in portraits[:1] for quad in portrait_beyond(part, *size)]
+        likely = [*leaving, *regions[:1], *bounding[:1]]
+        if found := (yield from self._fit(chain(ways_up(beyond), ways_up(likely)))):
+            return found
         panels = proposer.partly_seen[:COMPLETED] if leaving else []
         placed = [quad for each in panels for quad in reaching_beyond(each, PANEL_SHAPES, *size)]
-        likely = [*leaving, *regions[:1], *bounding[:1]]
-        fitted = beyond, likely, proposer.likeliest(placed, PLACED, lean=True)
-        if found := (yield from self._fit(chain(*map(ways_up, fitted)))):
+        placed = proposer.likeliest(placed, PLACED, lean=True)
+        if found := (yield from self._fit(ways_up(placed))):
             return found
         for quads in faint:
             others = [*quads[:STRONGEST], *proposer.likeliest(quads, BOUNDING)]

@@ -140,8 +140,6 @@ export class WindowSearch {
     const most = isLeaving ? BEFORE_LEAVING : PROPOSED;
     const { width, height } = this.watch.reference;
     const beyond = portraits.slice(0, 1).flatMap((part) => portraitBeyond(part, width, height));
-    const panels = isLeaving ? proposer.partlySeen.slice(0, COMPLETED) : [];
-    const placed = panels.flatMap((each) => reachingBeyond(each, PANEL_SHAPES, width, height));
     const bounded =
       (yield* this.#weighCoarsely(proposer.likeliest(proposed, most))) ??
       (yield* this.#fit(partly.slice(0, BARRED))) ??
@@ -149,9 +147,12 @@ export class WindowSearch {
       (yield* this.#fit([
         ...waysUp(beyond),
         ...waysUp([...leaving, ...regions.slice(0, 1), ...bounding.slice(0, 1)]),
-        ...waysUp(proposer.likeliest(placed, PLACED, true)),
       ]));
     if (bounded !== null) return bounded;
+    const panels = isLeaving ? proposer.partlySeen.slice(0, COMPLETED) : [];
+    const placed = panels.flatMap((each) => reachingBeyond(each, PANEL_SHAPES, width, height));
+    const panel = yield* this.#fit(waysUp(proposer.likeliest(placed, PLACED, true)));
+    if (panel !== null) return panel;
     for (const steps of withoutDetails) {
       const quads = yield* steps;
       const others = [...quads.slice(0, STRONGEST), ...proposer.likeliest(quads, BOUNDING)];
